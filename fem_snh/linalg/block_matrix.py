@@ -3,11 +3,11 @@
 `fem_snh.linalg.ssor_cg` sweeps over the matrix; `fem_snh.linalg.deflation` reads its pattern;
 `Halo` receives the values of nodes that other ranks own.
 
-The AIJ matrix may be one of the displacement alone, or of displacement and pressure, of which every
-rank numbers its displacement first (`fem_snh.assembly.matrix_layout`). PETSc sorts the columns of a
-submatrix each time: here the positions of the entries are found once, and their values are copied
-from there. `part_of` makes the displacement's part a PETSc matrix that has no values of its own, so
-that a linear solver which copies the values anyway needs no second copy of them in AIJ format.
+The AIJ matrix may be one of the displacement alone, or of displacement and pressure, where every
+rank numbers its displacements first (`fem_snh.assembly.matrix_layout`). PETSc sorts the columns
+whenever it extracts a submatrix: here the positions of the entries are found once, and only the
+values are copied. `part_of` makes the displacement's part a PETSc matrix without values of its own:
+a linear solver that copies the values anyway needs no second copy of them in AIJ format.
 """
 
 from __future__ import annotations
@@ -327,7 +327,7 @@ def part_of(A: PETSc.Mat, unknowns: int, components: int) -> PETSc.Mat:
 
 
 def stored_in(A: PETSc.Mat) -> PETSc.Mat:
-    """Return the AIJ matrix that stores the values of ``A``: itself, or the whole of `part_of`."""
+    """Return the AIJ matrix that stores the values of ``A``: ``A``, or the whole of `part_of`."""
     if A.getType() == PETSc.Mat.Type.PYTHON:
         return A.getPythonContext().whole
     return A

@@ -328,7 +328,7 @@ class BodyModes:
             vector.destroy()
         self._AZ = np.column_stack(images)
         values, vectors = np.linalg.eigh(scale * self._comm.allreduce(self._Z.T @ self._AZ))
-        # Z^T A Z is rounded, too: what it has not in double precision is left to the iterations.
+        # Z^T A Z is rounded, too: motions that it loses are left to the iterations.
         known = values > LEAST_IN_DOUBLE
         self._inverse = scale * (vectors[:, known] / values[known]) @ vectors[:, known].T
 

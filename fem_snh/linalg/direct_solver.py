@@ -1,4 +1,4 @@
-r"""Sparse direct solvers: MUMPS, for any nu and any inertia; PETSc's for small matrices.
+r"""Sparse direct solvers: MUMPS, for any nu and any inertia; PETSc's own for small matrices.
 
 Studies and benchmarks use MUMPS for reference solutions. A matrix that is not symmetric has factors
 L U.

@@ -171,8 +171,8 @@ class FullNewton:
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Return the full step from ``start`` to ``trial``, or its admissible part. Collective.
 
-        ``d`` becomes the full step. The end is None if the factors fail, if the residual has grown
-        by `_MOST_GROWTH`, or after `_MAX_FULL_STEPS` steps.
+        ``d`` becomes the full step. The end is None if the factors fail, if the residual is 1,000
+        times the first one, or after 15 steps.
         """
         step, search, norm = Step(filter="exact"), self._direction.line_search, inf
         step.filtered_points = self._direction.assemble(start.x, "exact")
@@ -203,17 +203,17 @@ _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
 #: accepted again and again, as the residual stays the same.
 _NO_STEP = 2.0**-52
 
-#: Ratios of the energy's decrease to the model's: a step is accepted from the first, the radius
-#: shrinks below the second and grows above the third (Nocedal & Wright 2006, alg. 4.1; names and
-#: the third as for PETSc's SNESNEWTONTR).
+#: Ratios of the energy's decrease to the model's: a step is accepted from eta1, the radius shrinks
+#: below eta2 and grows above eta3 (Nocedal & Wright 2006, alg. 4.1; the names and the value of eta3
+#: are those of PETSc's SNESNEWTONTR).
 _ETA1, _ETA2, _ETA3 = 0.05, 0.05, 0.75
 #: Factors by which the radius shrinks and grows.
 _SHRINK, _GROW = 0.5, 2.0
 #: Radii that are tried before the clamped Hessian's step is taken.
 _MAX_ATTEMPTS = 12
-#: The region is entered when a filtered step decreases the energy by less than the first part of
-#: the decrease since the start and two steps leave more than the second part of the residual; it is
-#: exited when a step leaves less than the third (measured: python -m benchmarks
+#: The region is entered if a filtered step decreases the energy by less than the first fraction of
+#: the decrease since the start, and two steps leave more than the second fraction of the residual.
+#: It is exited if a step leaves less than the third (measured: python -m benchmarks
 #: negative_curvature).
 _ENTER_DECREASE, _ENTER_RESIDUAL, _EXIT_RESIDUAL = 0.03, 0.55, 0.1
 

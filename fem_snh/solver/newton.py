@@ -1,8 +1,8 @@
 """Projected Newton as a PETSc SNES: iteration, convergence tests, history.
 
-`ProjectedNewton` is the context of a SNES of type "python". It uses only what the SNES was given
-(function, Jacobian, objective, KSP), so monitors, converged reasons, ``-snes_view``, convergence
-tests and options work as for PETSc's own types.
+`ProjectedNewton` is the context of a SNES of type "python". It calls the SNES's own function,
+Jacobian, objective and KSP, so monitors, converged reasons, ``-snes_view``, convergence tests and
+options work as for PETSc's own types.
 """
 
 from __future__ import annotations
@@ -305,8 +305,8 @@ class ProjectedNewton:
             self.tolerance = self._tolerance(snes, x, norm)
             if its:
                 self.tolerance = max(self.tolerance, self.reduction * self._first_norm)
-            # At the start the Hessian is that of an earlier state, so that a run that is resumed
-            # would not be the same; but it serves where a state is solved for again.
+            # At the start the Hessian is an earlier state's, which a resumed run does not have. It
+            # serves with `reduction`, where a state is solved for again.
             assembled = its > 0 or self.reduction > 0
             if norm <= self.tolerance or (assembled and self._is_rounding(x, norm)):
                 reason = Reason.CONVERGED_FNORM_ABS

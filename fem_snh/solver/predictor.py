@@ -65,7 +65,7 @@ def take_step(problem: SolvableProblem, factor: float, step: PETSc.Vec) -> None:
 
 
 def solve_linearised(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
-    """Make one linearised step of backward Euler from ``problem.x``, in place. Collective.
+    """Make a linearised step of backward Euler from ``problem.x``; return its outcome. Collective.
 
     This is the step of semi-implicit Euler (Baraff & Witkin 1998): the Hessian and the linear
     solver of the SNES, without forcing terms and without a line search. The residual of the linear
@@ -155,7 +155,7 @@ class Predictor:
     snes : SNES
         The SNES whose linear solver is used.
     kind : str
-        One of `PREDICTORS`.
+        One of `fem_snh.choices.PREDICTORS`.
     extrapolation : callable, optional
         ``extrapolation(x, load)`` moves the equilibrium x in place to its extrapolation at a load,
         for problems in time by the velocity. It replaces the extrapolation from the last step.

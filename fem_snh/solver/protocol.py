@@ -104,7 +104,7 @@ class CurvedPaths(Protocol):
         """Set ``end`` to the end of the path from ``x`` with the increment ``step`` times ``d``."""
 
     def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Replace in ``x`` the motion of stiff parts from ``start`` by the nearest rigid motion."""
+        """Change ``x`` so that stiff and rigid parts move rigidly from ``start`` to ``x``."""
 
 
 class SolvableProblem(Protocol):

@@ -115,7 +115,7 @@ def block_options(prefix: str) -> dict[str, str]:
 
 
 def preconditioner_by_blocks(pc: PETSc.PC) -> Blocks | None:
-    """Return `BlockTriangular`, "fieldsplit" for PETSc's, or None for another preconditioner."""
+    """Return the `BlockTriangular` of a PC, "fieldsplit" for PETSc's, or None for another PC."""
     if pc.getType() == PETSc.PC.Type.PYTHON:
         context = pc.getPythonContext()
         return context if isinstance(context, BlockTriangular) else None

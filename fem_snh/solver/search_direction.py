@@ -80,7 +80,7 @@ class Solution:
     residual : Vec
         f + A d, of the last `measure`.
     relative : float
-        ||f + A d||_2 / ||f||_2; infinity if d is not finite, 0 if f = 0.
+        ``|f + A d|_2 / |f|_2``; infinity if d is not finite, 0 if f = 0.
     """
 
     def __init__(self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec) -> None:

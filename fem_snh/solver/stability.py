@@ -77,6 +77,8 @@ def no_energy(asked: str, in_time: bool) -> BadInput:
 class EquilibriumStability:
     """The stability of equilibria, by sparse factors of the exact Hessian. Collective.
 
+    The methods assemble into ``problem.A``.
+
     Parameters
     ----------
     problem : SolvableProblem
@@ -315,7 +317,7 @@ def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
         return None
     diagonal = problem.A.getDiagonal()
     x, b = cg.getOperators()[0].createVecs()
-    # With this factor the components in all eigenvectors are about as large.
+    # With this factor the components in all eigenvectors are about equally large.
     size = len(b.array_r)
     b.array[:] = (noise(problem).array_r * np.sqrt(np.abs(diagonal.array_r)))[:size]
     rtol, max_it = cg.getTolerances()[0], cg.getTolerances()[3]
