@@ -101,9 +101,9 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     """Set a solver's operator A and the matrix P of its preconditioner. Collective.
 
     If P or its pattern has changed, the preconditioner is set up from the start: PETSc compares
-    nonzero states only. Direct factors are computed here: MUMPS replaces PETSc's Cholesky factors
-    if these are not positive definite (`expect_definite_matrix`), gets a larger workspace if it
-    needs one, and counts negative pivots on several ranks too.
+    nonzero states only. Factors by MUMPS, and PETSc's after `expect_definite_matrix`, are computed
+    here. MUMPS replaces PETSc's factors that are not positive definite, gets a larger workspace if
+    it needs one, and counts negative pivots on several ranks.
     """
     pattern = P.handle, nonzero_state(P)
     if (former := ksp.getAttr(_SEEN)) is not None and former != pattern:

@@ -433,7 +433,7 @@ def facets_plane(V: _dolfinx.FunctionSpace, facets: Array, key: str, name: Any) 
 
 
 def covered_nodes(V: _dolfinx.FunctionSpace, constrained: Array, axis: Array) -> Array:
-    """Return, for each component, the nodes of facets with it constrained at all nodes. Collective.
+    """Return, for each component, the nodes of facets constrained at all nodes. Collective.
 
     Parameters
     ----------

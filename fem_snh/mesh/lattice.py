@@ -195,8 +195,8 @@ def _smallest(group: Integers, values: np.ndarray) -> np.ndarray:
 def cover(grid: Grid, samples: Samples, points: Array) -> Samples:
     """Return samples whose cells contain all points of a surface.
 
-    Cells filled by less than `SMALLEST_FRACTION` remain, with that fraction, only if they contain a
-    point that is not within `_TOLERANCE` of another cell.
+    Cells filled by less than `SMALLEST_FRACTION` are included, with that fraction, only if they
+    contain a point that is not within `_TOLERANCE` of another cell.
 
     Parameters
     ----------
