@@ -171,7 +171,7 @@ class MovingShape:
         return self.motion.pose(load)
 
     def affine(self, load: float) -> list[list[float]]:
-        """Return the pose as the three rows [R | c] of a 3x4 matrix, as run.json has it."""
+        """Return the pose as the three rows [R | c] of a 3x4 matrix, for run.json."""
         return np.column_stack(self.pose(load)).tolist()
 
     def evaluate(self, x: Array, load: float) -> Evaluation:
@@ -230,7 +230,7 @@ class Noise:
     Parameters
     ----------
     amplitude : float
-        The largest displacement a, in parts of the bone's length.
+        The largest displacement over L, the number a.
     seed : int
         Seed of the random numbers, together with the bone's name.
     frames : int

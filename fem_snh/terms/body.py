@@ -163,12 +163,14 @@ class Body:
         return cell_constant(self.domain, self.regions, densities)
 
     def components(self, key: str, value: Any) -> Any:
-        """Return the components of a vector that the displacement has, a list, or its expression.
+        """Return the first components of a vector, as many as the displacement has, in a list.
+
+        A UFL expression is returned as `expression` does.
 
         Raises
         ------
         BadInput
-            If a component that the displacement lacks is not zero, or as `expression`.
+            If a component that the displacement lacks is not zero.
         """
         components = self.kinematics.components
         if is_expression(value):

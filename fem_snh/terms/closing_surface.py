@@ -68,7 +68,7 @@ class Edge(NamedTuple):
     parts : (nodes,) int
         The rigid part of each node; -1: none.
     moved : (loads, nodes, dim)
-        Prescribed displacements [m] at the loads `_LOADS`; 0 on parts.
+        Prescribed displacements [m] at the loads 0.25, 0.5 and 1; 0 on parts.
     """
 
     pieces: Array
@@ -440,7 +440,7 @@ def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim:
 
 
 def _gather(V: _dolfinx.FunctionSpace, values: Array, numbers: Array) -> Array:
-    """Return the values of nodes with these global numbers on every rank. Collective.
+    """Return rows of values of the nodes with these global numbers, on every rank. Collective.
 
     ``values`` has a row for each owned node, or is flat, (owned dofs,).
     """

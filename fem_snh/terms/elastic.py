@@ -1,7 +1,7 @@
 """The elastic energy: value, derivative and filtered second derivative.
 
-Calls the compiled cell loops of `fem_snh.kernels` on dolfinx spaces, with PETSc vectors and
-matrices.
+`Elastic` calls the compiled cell loops of `fem_snh.kernels` on dolfinx spaces, with PETSc vectors
+and matrices.
 """
 
 from __future__ import annotations

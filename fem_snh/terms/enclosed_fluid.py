@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 #: a hundredth of the body's volume. A stiffer fluid shortens Newton's steps, as the volume is
 #: nonlinear in the displacement.
 _STIFFNESS = 100.0
-#: Loads at which the prescribed volume is examined.
+#: Number of equidistant loads in [0, 1] at which the prescribed volume is examined.
 _LOADS = 201
 
 
@@ -110,7 +110,7 @@ class EnclosedFluid(RankOneTerm):
         self._target = self._amplitude(load) * float(present(self._added))
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply a default stiffness; return False for a given one, a property of the fluid."""
+        """Multiply the stiffness if it is the default, and return whether it is."""
         if self._is_default:
             self._stiffness *= factor
         return self._is_default

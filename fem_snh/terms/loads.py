@@ -70,8 +70,8 @@ class Gravity(Feature):
 
     .. math:: E = -a(\lambda) \int_\Omega \rho\, g \cdot u \, \mathrm{d}V
 
-    With the mass matrix M of a body in motion the forces are M g: with a lumped one the body falls
-    without being deformed.
+    On a body in motion the forces are M g with its mass matrix M: also if M is lumped, the body
+    falls without being deformed.
     """
 
     key, stateless, planar = "gravity", True, True

@@ -245,7 +245,7 @@ class Rigid(Feature, MotionTable):
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
-        """Raise BadInput for a name of an obstacle, and as `check_names`."""
+        """Raise BadInput for a part with the name of an obstacle, and as `check_names` does."""
         obstacles = [obstacle.name for obstacle in scene.obstacle]
         for part in features:
             if part.label in obstacles:

@@ -37,7 +37,7 @@ class RigidLoads:
     Attributes
     ----------
     drive : (6 parts,)
-        The drives on the unknowns at the present load [N]; torques are divided by `Link.length`.
+        The drives on the unknowns at the present load [N]; torques are divided by ``Link.length``.
     has_energy : bool
         Whether there are no moments, no forces that follow, and no drives.
     act : bool
@@ -175,7 +175,7 @@ class PrescribedMotions:
     def rates(self, load: float, step: float) -> tuple[Array, Array]:
         """Return the velocities [m/s] and accelerations [m/s^2] at a load, (parts, 2, 3) each.
 
-        The middle axis is translation, and rotation times `Link.length`. `path_rates` describes
+        The middle axis is translation, and rotation times ``Link.length``. `path_rates` describes
         ``step``.
         """
         _, *rates = path_rates(lambda at: np.stack(self.at(at), axis=1), load, step)

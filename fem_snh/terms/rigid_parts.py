@@ -250,7 +250,7 @@ class RigidParts(Term):
     def eliminate(self, matrix: BlockMatrix) -> Array:
         """Let a problem's matrix eliminate the parts' nodes from now on. Collective.
 
-        Return `Elimination.eliminated`, the entries of this rank's vectors that are no unknowns.
+        Return the entries of this rank's vectors that are no unknowns, (m,).
         """
         chains = [self.tree.ancestors(i) for i in range(len(self._parts))]
         parts = self.nodes, self.labels, self._slots, self.tree.free, chains
@@ -360,7 +360,7 @@ class RigidParts(Term):
         """Return three norms [N]: of loads, of joints' drives, and of springs. Collective.
 
         Each is the 2-norm of the generalised forces on the unknowns of all parts, prescribed ones
-        included. Moments are divided by `Link.length`.
+        included. Moments are divided by ``Link.length``.
         """
         poses = self.poses(x)
         acting = np.stack([self._loads.loads(poses), self._loads.springs(poses)])
@@ -405,7 +405,7 @@ class RigidParts(Term):
         self._set_unknowns(g, self.tree.jacobian(poses).T @ self.wrenches(poses, g))
 
     def _set_unknowns(self, r: PETSc.Vec, values: Array) -> None:
-        """Set the entries of free unknowns in ``r``, and all others of the parts' nodes to zero."""
+        """Set the entries of parts' nodes in ``r`` to zero, but free unknowns to ``values``."""
         assert self._elimination is not None
         entries, which = self._elimination.own_unknowns
         own = r.array
@@ -456,7 +456,7 @@ class RigidParts(Term):
     def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
         """Return the derivative of a part's "displacement" or "rotation" by nodal displacements.
 
-        Only its products with rigid motions are determined: it has minimum norm. Collective.
+        Only its products with rigid motions matter: it has minimum norm. Collective.
         """
         wrench = np.zeros(UNKNOWNS)
         if kind == "displacement":
@@ -523,7 +523,7 @@ class RigidParts(Term):
     def inadmissible(self, twists: Array) -> Array:
         """Return the part of twists (6 parts, n) at rest that conditions and joints do not admit.
 
-        It is (6 parts, n) [m]; rotations are multiplied by `Link.length`.
+        It is (6 parts, n) [m]; rotations are multiplied by ``Link.length``.
         """
         lengths = np.repeat([[1.0, link.length] for link in self.tree.links], 3)[:, None]
         scaled = lengths * twists
@@ -587,8 +587,8 @@ class RigidParts(Term):
     ) -> Array:
         """Project velocity and acceleration of the parts' nodes on rigid motions. Collective.
 
-        The momenta of the free unknowns do not change. The acceleration gets the centripetal part,
-        which the formulas of a time integrator lack.
+        The momenta of free unknowns do not change. The acceleration gets the centripetal part,
+        which a time integrator's formulas lack.
 
         Parameters
         ----------
@@ -655,7 +655,7 @@ class RigidParts(Term):
 
         A row has the "position" [m] of the part's point, the point's "displacement" [m], the
         "rotation", a rotation vector [rad], and the "force" [N] and "moment" [N m] about the point:
-        the sums of ``gradient`` = dE/du, which act on the part from outside of the body.
+        the sums of ``gradient`` = dE/du, which loads, springs, joints and prescribed motions exert.
         """
         poses = self.poses(x)
         forces = self.wrenches(poses, gradient).reshape(-1, 2, 3)

@@ -79,12 +79,12 @@ class Term:
 
     @property
     def extent(self) -> float:
-        """Largest coordinate outside of the body that the forces depend on, as of obstacles [m]."""
+        """Largest coordinate of obstacles [m], which bounds the rounding error of gaps; 0: none."""
         return 0.0
 
     @property
     def length_text(self) -> str:
-        """A clause that names a length which depends on the space by default, or an empty one."""
+        """A clause on a length of the term whose default depends on the mesh; empty for none."""
         return ""
 
     @property
@@ -110,7 +110,7 @@ class Term:
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
-        """Add dE/du [N] to ``r_u`` and dE/dp to ``r_p``.
+        """Add dE/du [N] to ``r_u`` and dE/dp to ``r_p``. Collective.
 
         The caller adds ghost entries to those of their owners.
         """
@@ -119,12 +119,14 @@ class Term:
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the term's Hessian to a matrix, inside of `BlockMatrix.adding`.
+        """Add the term's Hessian to a matrix, inside of `BlockMatrix.adding`. Collective.
 
         Parameters
         ----------
-        u, p : PETSc.Vec
-            Ghosted displacement and pressure; the ghosts are current.
+        u : PETSc.Vec
+            Ghosted displacement; the ghosts are current.
+        p : PETSc.Vec or None
+            Ghosted pressure, likewise.
         filter : {"exact", "clamp", "abs"}
             Whether negative eigenvalues are kept, set to zero, or replaced by their absolute value.
         target : BlockMatrix
@@ -191,7 +193,7 @@ class CouplingTerm(Term):
     def couplings(self, u: PETSc.Vec) -> npt.NDArray[Any]:
         """Return the pairs of global nodes that the Hessian at ``u`` couples, (n, 2). Collective.
 
-        `BlockMatrix.couple` describes them. The array is the same object until they change.
+        `BlockMatrix.couple` describes them. The array is the same object while they do not change.
         """
         raise NotImplementedError(f"{type(self).__name__}.couplings")
 

@@ -53,7 +53,7 @@ class UFLTerm(Term):
     residual, rank 1      R(u; v) [N], linear in the test function v. If R is constant in u (a dead
                           load), or linear in u with a symmetric derivative, the energy is
                           :math:`\int_0^1 R(t u; u) \, \mathrm{d}t`. Otherwise ``has_energy`` is
-                          False, the exact Hessian is dR/du, and a filtered Hessian is that of the
+                          False, the exact Hessian is dR/du, and a filtered Hessian is the filtered
                           symmetric part of dR/du.
     ====================  ==========================================================================
 

@@ -44,7 +44,7 @@ class Shape:
     The distance is not differentiable on the medial axis, where several points of the surface are
     closest. There the gradient is the normal at one of these points, the same one at each
     evaluation, and the second derivatives are zero in directions in which they do not exist.
-    Outside of an edge or a corner the level sets are rounded, and so are curved.
+    Outside of an edge or a corner the level sets are rounded; the Hessian is their curvature.
     """
 
     @property
@@ -357,7 +357,7 @@ class Cylinder(_Segment):
 
     @property
     def _solid(self) -> tuple[Revolved, Array, Array]:
-        """The cylinder about the axis y, its axes as columns of a matrix, and its centre (3,)."""
+        """The cylinder about the axis y, its axes as columns (3, 3), and its centre (3,)."""
         t, normal, length = _axis(self.start, self.end)
         r, depth = self.radius, 2 * max(2 * self.radius, length)  # along z no distance sees it
         half_plane = Plane((r, 0.0, 0.0), (1.0, 0.0, 0.0))
