@@ -92,7 +92,7 @@ class CoarseMatrix:
         return 0
 
     def solve(self, contributions: Array) -> Array:
-        """Return E^-1 times the sum of ``contributions`` over the ranks, which replaces them."""
+        """Return E^-1 y; ``contributions`` becomes y, its sum over the ranks."""
         self._add(contributions)
         return self._solver.solve(contributions)
 
@@ -102,7 +102,7 @@ class CoarseMatrix:
         return self._null_space.shape[1] > 0
 
     def null_part(self, contributions: Array, y: Array) -> Array:
-        """Return the null space's component of ``y`` + the ranks' sum of ``contributions``."""
+        """Return the projection of ``y`` plus all ranks' ``contributions`` onto the null space."""
         self._add(contributions)
         part: Array = self._null_space @ (self._null_space.T @ (contributions + y))
         return part

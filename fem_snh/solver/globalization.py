@@ -128,7 +128,7 @@ class LineSearchNewton:
         self.direction, self.quasi_newton = direction, quasi_newton
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Return a step from ``start`` whose end is ``trial``, or None if it fails. Collective.
+        """Return a step from ``start``; its end is ``trial``, or None if it fails. Collective.
 
         ``d`` becomes the search direction; ``trial`` is always overwritten.
         """
@@ -401,7 +401,7 @@ class TrustRegion:
         return False
 
     def _solve(self, f: PETSc.Vec, d: PETSc.Vec, step: Step) -> tuple[float, int, PETSc.Vec]:
-        """Set ``d`` to the model's minimum; return its P-norm, the KSP's reason, and A d."""
+        """Minimise the model in ``d``; return the P-norm of ``d``, the KSP's reason, and A d."""
         ksp, norm = self.ksp, ffi.new("double *")
         if self._Ad is None:
             self._Ad = d.duplicate()

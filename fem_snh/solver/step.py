@@ -70,9 +70,9 @@ class Step:
         Derivative of the merit function along the search direction, < 0; None if there is no
         descent direction.
     filter : str
-        The Hessian's filter; "none needed" if no quadrature point has a negative eigenvalue;
-        "trust_region" for a step to the region's boundary; "negative curvature" for a step that
-        leaves an unstable equilibrium.
+        The Hessian's filter; "none needed" instead of "exact" if no quadrature point has a negative
+        eigenvalue; "trust_region" for a step to the region's boundary; "negative curvature" for a
+        step that leaves an unstable equilibrium.
     filtered_points : int
         Quadrature points with a negative eigenvalue, on all ranks.
     linear : int
@@ -290,7 +290,7 @@ class StepOutcome:
         return any(i.filter in ("trust_region", "negative curvature") for i in self.history)
 
     def add_solve(self, snes: PETSc.SNES) -> None:
-        """Add the last solve of a SNES of `create`, which replaces the step's end. Collective."""
+        """Add the last solve of ``snes``, whose result replaces the step's. Collective."""
         self.converged = snes.getConvergedReason() > 0
         self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
         context = snes.getPythonContext()
