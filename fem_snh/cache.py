@@ -103,9 +103,9 @@ def own_folder() -> Path:
 
 
 def read_signed(path: Path) -> bytes | None:
-    """Return a file's content without the signature of `sign`; None if it cannot be trusted.
+    """Return a file's content without the signature of `sign`, or None.
 
-    So it is if the file is missing, incomplete or renamed, or if others own it or can write to it.
+    None: the file is missing, incomplete or renamed, or others own it or can write to it.
     """
     try:
         with path.open("rb") as file:
@@ -133,7 +133,7 @@ def _signature(name: str, content: bytes) -> bytes:
 
 @contextmanager
 def build_folder() -> Iterator[Path]:
-    """Provide a temporary folder in `own_folder`, from where complete files are moved there.
+    """Provide a temporary folder in `own_folder`, to which complete files are then moved.
 
     Temporary folders of killed processes are removed. Raises as `own_folder`.
     """
@@ -279,7 +279,7 @@ class Stopwatch:
 
 
 def timed(method: Callable[..., T]) -> Callable[..., T]:
-    """Add a method's run time, without compilation, to ``seconds["assemble"]`` of its object."""
+    """Make a method add its time, without compilation, to its object's ``seconds["assemble"]``."""
 
     @wraps(method)
     def with_time(self: Any, *arguments: Any, **keywords: Any) -> T:

@@ -120,7 +120,7 @@ class DynamicProblem(NonlinearProblem):
 
     @property
     def time(self) -> float:
-        """The present time [s]: the time at which ``u`` is the displacement."""
+        """The present time [s]."""
         return self._problem.load * self._duration
 
     def state(self) -> dict[str, Array]:
@@ -254,7 +254,7 @@ class DynamicProblem(NonlinearProblem):
         yield from self._rows(stepper)
 
     def energies(self) -> dict[str, Any]:
-        """Return the dict of energies and momenta of `Dynamics.energies` now. Collective."""
+        """Return present energies and momenta: the dict of `Dynamics.energies`. Collective."""
         return self.dynamics.energies(self._problem)
 
     def _in_time(self) -> dict[str, Any]:

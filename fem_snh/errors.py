@@ -48,7 +48,7 @@ class Failed(RuntimeError):
 
 
 class NotSettled(RuntimeError):
-    """A step failed although no solve did, as if lagged quantities alternate; it is halved."""
+    """A step failed although no solve did, for example by alternating lagged quantities."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -64,7 +64,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def nearest_file(path: Path) -> str:
-    """Return the same end for a missing file: the most similar name of its folder and suffix."""
+    """Return the phrase of `nearest` for a missing file, from files of its folder and suffix."""
     if "\0" in str(path):  # no file has it in its name
         return ""
     stems = [file.stem for file in path.parent.glob(f"*{path.suffix}")]
@@ -114,8 +114,8 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
 def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "") -> BadInput:
     """Return the exception ``unknown <kind> '<name>': expected one of ...``.
 
-    ``kind`` is what the name is: a key, a parameter, an option. Default of ``suggestion``: that of
-    `nearest`.
+    ``kind`` is what the name is: a key, a parameter, an option. ``suggestion`` ends the message, by
+    default the phrase of `nearest`.
     """
     known = list(known)
     listed = f"one of {', '.join(known)}" if known else "none"

@@ -43,8 +43,8 @@ class NonlinearProblem:
 
     Arguments and attributes that :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later) also
     has mean the same here. Compiled loops assemble the materials and filter their Hessian in closed
-    form; dolfinx assembles UFL terms (`UFLTerm` says how their Hessian is filtered). The solver is
-    the PETSc SNES that solves scenes.
+    form; dolfinx assembles UFL terms (for their Hessian see `UFLTerm`). The solver is the PETSc
+    SNES that solves scenes.
 
     Parameters
     ----------

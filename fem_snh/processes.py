@@ -69,8 +69,8 @@ def call(
     *args : Any
         The function's arguments. Arguments and result must be picklable.
     report : callable, optional
-        If given, the function gets a keyword argument ``report``. Each call of that calls this
-        ``report`` here, with the same arguments.
+        If given, the function gets a keyword argument ``report`` whose calls are forwarded to this
+        one, in this process.
     timeout : float
         Seconds after which the process counts as hung.
     prefix : sequence of str
@@ -131,7 +131,7 @@ def python(module: str) -> list[str]:
 
 
 def import_path() -> dict[str, str]:
-    """Return PYTHONPATH for a child that imports from where this process does."""
+    """Return {"PYTHONPATH": ...} for a child that imports from where this process does."""
     package = str(Path(__file__).resolve().parents[1])
     paths = dict.fromkeys([*(path for path in sys.path if path), package])
     return {"PYTHONPATH": os.pathsep.join(paths)}
@@ -145,7 +145,7 @@ def is_rank() -> bool:
 def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -> dict[str, str]:
     """Return environment variables without those of an MPI launcher, except ``kept``.
 
-    A child that inherits them takes itself for that rank, and hangs.
+    A child that inherits the launcher's takes itself for the same rank, and hangs.
     """
     return {k: v for k, v in variables.items() if not k.startswith(_LAUNCHER) or k in kept}
 

@@ -25,7 +25,7 @@ Function = Callable[..., Any]
 
 
 class FileText(str):
-    """A string from a scene file: a relative path, or reference, in it starts from ``folder``.
+    """A string from a scene file; a relative path in it starts from ``folder``.
 
     A path in a plain string is relative to the working directory.
     """

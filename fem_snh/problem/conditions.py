@@ -105,7 +105,7 @@ def place_conditions(
 
 
 class _Place:
-    """The functions that make each `Condition` of a displacement space: see `place_conditions`."""
+    """Creates each `Condition` of a displacement space: see `place_conditions`."""
 
     def __init__(
         self,
@@ -244,7 +244,7 @@ class LiftedValues:
             self._lifted.x.array[:], self._load = state.x.array, None
 
     def condition(self, bc: Any, label: str, owned: int) -> Condition:
-        """Return the `Condition` on W, with ``owned`` nodes, of a DirichletBC on V. Collective."""
+        """Return the `Condition` on W (``owned`` nodes) of a DirichletBC on V. Collective."""
         mask = np.zeros_like(self._dirichlet.constrained)
         condition_of(self._dirichlet, bc, label).mark(mask)
         mask = _lifted_mask(self._V, self._W, mask)

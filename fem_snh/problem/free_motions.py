@@ -278,7 +278,7 @@ class SupportsCheck:
 
 
 def _motions(kinematics: Kinematics) -> Sequence[int]:
-    """Return the numbers of the rigid motions: translations 0 to 2, rotations 3 to 5."""
+    """Return the numbers of a body's rigid motions: translations 0 to 2, rotations 3 to 5."""
     if kinematics.revolved:
         return (1, 4)[: kinematics.components - 1]
     return range(6) if kinematics.dim == 3 else (0, 1, 5)

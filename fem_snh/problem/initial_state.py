@@ -23,7 +23,7 @@ _SHIFT = np.sqrt(2) / 4
 
 
 def set_initial_state(problem: Problem, state: Start) -> None:
-    """Set the displacement in ``problem.x`` to an affine map or random positions. Collective.
+    """Set the displacement in ``problem.x`` by a map, random positions or noise. Collective.
 
     All nodes move, also those in the middle of edges; constrained dofs get their values at the
     present load. Unknown pressures stay. The result does not depend on the partition.

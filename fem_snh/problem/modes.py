@@ -76,7 +76,7 @@ class Eigenproblem:
     K, M : PETSc.Mat
         The matrices over the free dofs.
     mass : float
-        The body's mass [kg].
+        The body's mass [kg]; in a plane [kg/m].
     """
 
     def __init__(self, problem: Problem, density: float | None, prefix: str) -> None:

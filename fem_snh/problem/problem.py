@@ -62,7 +62,7 @@ _NO_FORCE = 1e-9
 
 
 class Problem:
-    """The discretised energy of a body at a load, minimal at the displacement. Collective.
+    """A discretised energy of a body, whose minimiser is the displacement at a load. Collective.
 
     With an unknown pressure, displacement and pressure are a saddle point of the energy.
 
@@ -97,7 +97,7 @@ class Problem:
         The displacement [m] of ``x``, whose memory it shares; with an unknown pressure, of the
         vector that was evaluated last, ghosts included.
     x : PETSc.Vec
-        The unknowns that this rank owns: displacement dofs, then pressure dofs if there are any.
+        The unknowns; each rank has its displacement dofs first, then its pressure dofs if any.
     matrix : BlockMatrix
         The matrix to which the terms add their Hessians.
     A : PETSc.Mat
@@ -291,7 +291,7 @@ class Problem:
 
     @property
     def step_end(self) -> Callable[[PETSc.Vec], None] | None:
-        """`prescribe`, as inexact steps take nodes out of inclined planes; None without planes."""
+        """`prescribe` if nodes are in inclined planes, which inexact steps leave, else None."""
         return self.prescribe if self.dirichlet.planes else None
 
     def largest_force(self, x: PETSc.Vec) -> float:
@@ -466,9 +466,9 @@ class Problem:
         return energy
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Assemble r = dE/dx [N], zero in constrained directions, reduced on rigid parts.
+        """Assemble r = dE/dx [N], zero in constrained directions. Collective.
 
-        Collective.
+        Forces on rigid parts are forces on the parts' unknowns.
         """
         self.gradient(x, r)
         if self.rigid:
@@ -538,7 +538,7 @@ class Problem:
         return self._reactions.notes if self._reactions else []
 
     def reaction_sums(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
-        """Return the forces and moments that `Reactions.sums` describes. Collective."""
+        """Return the forces and moments of `Reactions.sums` at ``x``; {} without. Collective."""
         if self._reactions is None:
             return {}
         r = self.x.duplicate()

@@ -280,7 +280,7 @@ class StiffParts:
         return cls(comm, X, labels, len(free), fixed)
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
-        """Set ``end`` to x + step d, but rotate stiff parts by their mean spin. Collective."""
+        """Set ``end`` to x + step d, with finite rotations of the stiff parts. Collective."""
         end.waxpy(step, d, x)
         nodes, labels, shape = self._nodes, self._labels, (-1, 3)
         y = self._X + x.array_r[: 3 * self._total(x)].reshape(shape)[nodes]

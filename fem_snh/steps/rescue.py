@@ -56,7 +56,7 @@ class Rescue:
         self._first = _FIRST if Supports(problem).left.shape[1] else 0.0
 
     def solve(self, outcome: solver.StepOutcome) -> None:
-        """Solve from ``problem.x``, in place, until nothing lagged changes.
+        """Solve from ``problem.x``, in place, until `_update` is satisfied or solves fail.
 
         Parameters
         ----------

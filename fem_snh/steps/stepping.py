@@ -563,7 +563,7 @@ class AdaptiveStepSize(StepSize):
         return target if parts == 1 else load + self._size
 
     def accept(self, to: float, target: float) -> None:
-        """Set the size to the one whose error is the tolerance, or to the nominal one."""
+        """Set the size of the next step by the error of the last one, at most the nominal."""
         factor = self._factor()
         wanted = factor * self._size
         if factor >= 1:  # the step may have been shorter than its error allowed

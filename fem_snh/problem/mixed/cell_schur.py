@@ -49,7 +49,8 @@ class CellSchur:
     Attributes
     ----------
     matrix : PETSc.Mat
-        The approximation, (pressures, pressures); before the first `update`, without the part of H.
+        The approximation, (pressures, pressures); before the first `update`, of N and a lumped mass
+        matrix.
     """
 
     def __init__(

@@ -73,7 +73,7 @@ class PressureBlock:
         return _dolfinx.degree(self.Q) == 0
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
-        """Return a view of the owned pressure dofs in ``x``; `unit` times them is in Pa."""
+        """Return a view of the owned pressure dofs in ``x``: pressure over `unit` [m]."""
         return self._unknowns.pressure_dofs(x)
 
     def pressure(self) -> np.ndarray:

@@ -93,7 +93,7 @@ class StepFormulas:
     velocity, acceleration : Affine
         v and a at the step's end.
     old_acceleration : (local dofs,)
-        a_0.
+        The acceleration a_0 of the step's start.
     error : tuple of float
         Factors [s^2] of a and of a_0 in the displacement's local error.
     inertia : tuple of float

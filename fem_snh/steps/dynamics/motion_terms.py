@@ -222,7 +222,7 @@ class VolumeRates:
     Parameters
     ----------
     B, C : PETSc.Mat
-        The blocks.
+        The blocks. Zeros on the diagonal of C are replaced by 1, in place.
     """
 
     def __init__(self, B: PETSc.Mat, C: PETSc.Mat) -> None:

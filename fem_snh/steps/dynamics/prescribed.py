@@ -84,7 +84,7 @@ class PrescribedMotion:
     def displacement(self, load: float) -> Array:
         """Return the prescribed displacement [m], (local dofs,), zero at free dofs. Collective.
 
-        A program's values, set as a function of time, stay those of ``load``.
+        Constants and functions of a program are set for ``load``.
         """
         self._dirichlet.set_values(self._vector, load)
         self._vector.array[self._dirichlet.released] = 0.0
@@ -101,7 +101,7 @@ class PrescribedMotion:
         load, step : float
             As for `path_rates`.
         present : float
-            The problem's load, for which a program's values are set again.
+            The problem's load, for which constants of a program are set again.
         """
         if not self._depends_on_load and not self._rigid:
             u = self.displacement(load)
