@@ -309,9 +309,9 @@ class RigidTree:
         return rotation_vector(R @ poses.R[parent].T if parent >= 0 else R)
 
     def spring_stiffness(self, poses: Poses, part: int) -> Array:
-        """Return the second derivative by twists of |theta|^2 / 2, theta the `relative_rotation`.
+        """Return the second derivative of ``theta @ theta / 2`` by twists, (6 parts, 6 parts).
 
-        It is (6 parts, 6 parts).
+        theta is the `relative_rotation`.
         """
         theta, size = self.relative_rotation(poses, part), UNKNOWNS * len(self.links)
         J, found = inverse_left_jacobian(theta), np.zeros((size, size))

@@ -120,7 +120,7 @@ def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple
 
 
 def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangles]:
-    """Return points and triangles of a prism's sides over a polygon, at |z - height| <= radius."""
+    """Return points and triangles of a prism's sides over a polygon, z = height +- radius."""
     m = len(corners)
     ends = [np.column_stack([corners, np.full(m, height + z)]) for z in (-radius, radius)]
     i = np.arange(m)

@@ -33,8 +33,8 @@ _NO_WEIGHT = 1e-17
 class Union(Shape):
     r"""The union of shapes, with signed distance :math:`d = \min_i d_i`.
 
-    Outside, d is the exact distance. Inside, where shapes overlap, the sign is right, but |d| may
-    be smaller than the distance from the union's surface. At points equally close to several
+    Outside, d is the exact distance. Inside, where shapes overlap, the sign is right, but d may be
+    smaller in size than the distance from the union's surface. At points equally close to several
     shapes the first shape is used.
 
     Parameters
