@@ -32,7 +32,7 @@ _BUILD = "build-"
 _ROOT = 0
 #: Bytes of a signature: a line of "# " and 64 hexadecimal digits, after a line break.
 _SIGNATURE = 68
-#: The permission of others to write.
+#: The mode bits by which others may write.
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 

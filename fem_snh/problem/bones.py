@@ -163,7 +163,7 @@ def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
     vector = _dolfinx.create_vector(V)
     values = writable_values(vector).reshape(-1, 3)
     values[:] = 0
-    # All cells of a node agree.
+    # All cells that share a node give the same value.
     values[nodes[chosen].ravel(), 0] = copies.copied[row[chosen]][:, columns].ravel()
     add_ghosts(vector)
     return np.asarray(local_values(vector).reshape(-1, 3)[:owned, 0] > 0)
@@ -193,7 +193,7 @@ def _depths_in(shape: Shape, X: Array) -> Array:
     """Return the depths (n,) [length] of points X (n, 3) in a shape, negative outside."""
     if not isinstance(shape, ClosedSurface):
         return -shape.distance(X)
-    # Its distance costs 10 us a point; that from its bounding box is a bound of it.
+    # The distance costs 10 us a point; the distance from the bounding box is a lower bound.
     low, high = shape.bounds
     depths: Array = -np.linalg.norm(np.maximum(0.0, np.maximum(low - X, X - high)), axis=1)
     near = np.flatnonzero(depths > -_ROUNDING * shape.diagonal)

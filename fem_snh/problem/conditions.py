@@ -192,7 +192,7 @@ class _Place:
             accepted = "a condition on the displacement's function space or a component of it"
             raise bad_value(label, "a condition on another space", accepted)
         dofs, components = _dolfinx.bc_dofs(bc), self._kinematics.components
-        # Not all ghosts of constrained nodes need be in a condition.
+        # A condition may lack ghosts of its constrained nodes.
         mask = _dolfinx.create_vector(self._V)
         mask.array[dofs[dofs < components * self._owned]] = 1.0
         if mask.norm() == 0:
@@ -286,7 +286,7 @@ def _lifted_mask(V: _dolfinx.FunctionSpace, W: _dolfinx.FunctionSpace, mask: Arr
     on_boundary = np.zeros(of_facets.shape[:2], bool)
     on_boundary[local, cells] = True
     outer = of_facets & on_boundary[..., None]
-    # Nodes that neither cells nor the boundary explain are those of a surface inside of the body.
+    # Constrained nodes in no such cell or boundary facet are on a surface inside of the body.
     marks = np.zeros(mask.shape)
     np.maximum.at(marks, old, whole[:, None])
     for (base, _), constrained in zip(facets, outer, strict=True):

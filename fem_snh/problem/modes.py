@@ -115,7 +115,7 @@ class Eigenproblem:
         while missing > 0 and len(found) < self._size:
             found += self._solve(shift, min(missing, self._size - len(found)), found)
             found.sort(key=lambda pair: pair[0])
-            # Complete if as many eigenvalues exist as were found below the highest one wanted.
+            # Complete if all eigenvalues below the highest wanted one were found.
             bound = found[min(count, len(found)) - 1][0]
             bound -= _GAP * (bound - shift)
             missing = self._count_below(bound) - sum(value < bound for value, _ in found)

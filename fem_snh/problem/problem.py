@@ -177,7 +177,7 @@ class Problem:
         self.kinematics = element.kinematics
         dim, revolved = self.kinematics.volume_dimension, self.kinematics.revolved
         self.length = volume(self.domain, revolved) ** (1 / dim)
-        # A body that is rigid as a whole has the unit of its material.
+        # If the whole body is rigid, ``regions`` is empty: its given materials have the modulus.
         self.modulus = reference_modulus(self.domain, regions or given, revolved)
         self.force_scale = self.modulus * self.length ** (dim - 1)
         check_force_scale(self.force_scale)
@@ -526,7 +526,7 @@ class Problem:
         return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
-        """Return the reaction force (3,) [N] of each group of `Reactions` by name. Collective.
+        """Return the reaction force (3,) [N] of each group by name. Collective.
 
         It is the force of the group's conditions on the body: see `Reactions.sums`.
         """

@@ -45,8 +45,8 @@ _VERY_FAR = 10.0
 #: A step of this many times the median Newton iterations of the steps before is suspicious; the
 #: least median counted: an easy step takes 2, a step with contact up to 50.
 _MANY, _LEAST_USUAL = 10, 5
-#: Expected over real displacement below which the expected one is rounding: the first guess was the
-#: state before the step, as without a predictor, or where a level starts from a coarser mesh.
+#: Ignore an expected displacement below this part of the actual one: it is rounding, as the first
+#: guess was the state before the step (no predictor, or the start from a coarser mesh).
 _NONE = 1e-9
 #: Number of halvings of a suspicious step.
 _HALVINGS = 3

@@ -187,7 +187,7 @@ class StepSolver:
         if self.pressures:
             self.pressures.solve()
             outcome.history += self.pressures.history
-        # Forces that are small beside others, as the weight of a body in tension, count too.
+        # In motion, forces that are small beside others, as the weight of a body in tension, count.
         self.snes.getPythonContext().force_iteration = self.motion is not None
         judge = self._judge_slide if self.can_rescue and not self._rescued else None
         solver.solve_until_settled(problem, self.snes, outcome, judge)

@@ -451,7 +451,7 @@ class Dynamics:
         shift = self.integrator.shift
         if not shift or before is None:
             return a
-        # That of constrained dofs is the prescribed motion's.
+        # Constrained dofs keep the acceleration of the prescribed motion.
         change = shift * (a - before)
         self._motion.project(change)
         return np.asarray(a - change)
