@@ -54,6 +54,8 @@ _QUADRATURE = 4
 _UNSETTLED_PENALTY = 0.1
 
 
+#: The fraction of the stiffness that each of the two surfaces has.
+_SHARE = 0.5
 #: The facets of points have settled when a new search changes no nodal force by more than this
 #: fraction of the largest one.
 _SETTLED = 1e-4
@@ -178,11 +180,8 @@ class SurfacePair(ContactPair):
         if len(np.intersect1d(first.nodes, second.nodes)):
             raise bad_value("contact.groups", pair.name, "two surfaces without a common node")
         self.side = side = Side.joined(first, second)
-        law = ContactLaw(
-            pair, "contact", side.weights.ravel(), np.full(1, default), height, share=0.5
-        )
+        law = ContactLaw(pair, "contact", side.weights.ravel(), np.full(1, default), height, _SHARE)
         super().__init__(pair.name, law)
-        self.stiffness = default if pair.stiffness is None else pair.stiffness
         boxes = (np.ptp(surface.X[one.nodes.ravel()], axis=0) for one in sides)
         self._reach = _REACH * min(float(np.linalg.norm(box)) for box in boxes)
         self._surface, self._searches, self._num_first = surface, 0, len(first)
@@ -373,8 +372,8 @@ class SurfacePair(ContactPair):
         return self._pairs
 
     def row(self, x: Array) -> dict[str, Any]:
-        """Return `ContactPair.row`, and the ``stiffness`` given or default [Pa/m]. Collective."""
-        return super().row(x) | {"stiffness": self.stiffness}
+        """Return `ContactPair.row`, and ``stiffness``, the present one [Pa/m]. Collective."""
+        return super().row(x) | {"stiffness": float(self.law.stiffness[0]) / _SHARE}
 
     @property
     def own_points(self) -> Array:

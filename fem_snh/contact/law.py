@@ -15,6 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.errors import BadInput
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.mesh.mesh import cell_volumes
 from fem_snh.terms.history import LaggedChange, largest_change, relative
@@ -196,10 +197,16 @@ class ContactLaw:
         self._limits_force = pair.tolerance is None and pair.limits_force
         tolerance = TOLERANCE * height if pair.tolerance is None else pair.tolerance
         self._tolerance = np.broadcast_to(tolerance, weights.shape)
+        unknown = comm.allreduce(bool(np.isnan(default).any()), op=MPI.LOR)
+        if pair.stiffness is None and unknown:
+            raise BadInput(
+                f"{self._name}: stiffness: expected a value [Pa/m]: cells without a material have "
+                "no default"
+            )
         k = default if pair.stiffness is None else np.full_like(default, pair.stiffness)
         self._given = np.broadcast_to(share * k, weights.shape)
         self.multipliers, self.kept = np.zeros_like(weights), np.zeros_like(weights)
-        ratio = comm.allreduce((default / k).max(initial=0.0), op=MPI.MAX)
+        ratio = comm.allreduce(np.fmax.reduce((default / k).ravel(), initial=0.0), op=MPI.MAX)
         self._default, self._largest = max(ratio, 1.0), max(_LARGEST * ratio, 1.0)
         self.kept_factor, self.version = 1.0, 0
         self.begin_step()
@@ -312,8 +319,8 @@ def surface_mean(surface: SurfaceQuadrature, values: Array) -> float:
 
 
 def cell_moduli(V: FunctionSpace, regions: Sequence[Region]) -> Array:
-    """Return Young's modulus of each cell that this rank owns, (cells,) [Pa]."""
-    moduli = np.empty(_dolfinx.num_owned(V.mesh))
+    """Return Young's modulus of each owned cell, (cells,) [Pa]; NaN without a material."""
+    moduli = np.full(_dolfinx.num_owned(V.mesh), np.nan)
     for region in regions:
         moduli[region.cells] = region.material.numbers.E
     return moduli

@@ -28,7 +28,7 @@ from fem_snh.contact.surface_contact import SurfaceContact
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import MovingShape
-from fem_snh.records.output_fields import CONTACT_PRESSURES
+from fem_snh.records.output_fields import AT_OBSTACLES, CONTACT_PRESSURES
 from fem_snh.terms.term import MeanForceTerm, WorkingTerm
 
 Array = npt.NDArray[Any]
@@ -193,8 +193,13 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         chosen = (found[:, 3] > 0) & (found[:, 4] == 0) & (sizes >= _SMALL_FORCE * sizes.max())
         return [self.pairs[i].name for i in np.flatnonzero(chosen)]
 
-    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return a field of `ObstacleFields` at this rank's nodes, (local nodes,). Collective."""
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array | float:
+        """Return a field of `ObstacleFields` at this rank's nodes, (local nodes,). Collective.
+
+        For another field the result is 0.
+        """
+        if name not in AT_OBSTACLES:
+            return 0.0
         if self._fields is None:
             self._fields = ObstacleFields(self._V, self.pairs, self._kinematics)
         return self._fields.evaluate(name, self.configuration(u))

@@ -59,14 +59,14 @@ def regime_of(
     """
     tables = [part.loops.tables for part in parts]
     cells = np.concatenate([table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))])
-    moduli = [part.region.material.lame for part in parts]
-    shear = [float(mu) for mu, _ in moduli]
+    materials = [part.region.material for part in parts]
+    shear = [float(material.lame[0]) for material in materials]
     return Regime(
         comm.allreduce(len(coordinates)),
         element.kinematics.dim,
         element.degree,
         section_nodes(comm, coordinates, cells, element.degree),
-        max((float(lam / (2 * (lam + mu))) for mu, lam in moduli), default=0.0),
+        max((material.numbers.nu for material in materials), default=0.0),
         any(term.name == "inertia" for term in terms),
         cell_aspect(comm, cells[..., : element.kinematics.dim]),
         supported(comm, coordinates, constrained),

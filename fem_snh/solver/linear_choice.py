@@ -37,7 +37,7 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import expect_singular_matrix
 from fem_snh.errors import choose
-from fem_snh.linalg.direct_solver import set_asymmetric_factors
+from fem_snh.linalg.direct_solver import is_factors_of_sum, set_asymmetric_factors
 from fem_snh.solver.protocol import Regime, SolvableProblem
 from fem_snh.solver.saddle_point import preconditioner_by_blocks
 
@@ -194,8 +194,10 @@ class AsymmetricSolver:
     def ksp(self) -> PETSc.KSP:
         """The solver: ``own``, or a KSP that the first access creates. Collective."""
         own, problem, regime = self._own, self._problem, self._problem.regime
-        symmetric = own.getType() in _SYMMETRIC or own.getPC().getType() == PETSc.PC.Type.CHOLESKY
-        if preconditioner_by_blocks(own.getPC()) or not symmetric:
+        pc = own.getPC()
+        symmetric = own.getType() in _SYMMETRIC or pc.getType() == PETSc.PC.Type.CHOLESKY
+        symmetric |= is_factors_of_sum(pc)
+        if preconditioner_by_blocks(pc) or not symmetric:
             return own
         ksp = PETSc.KSP().create(own.comm)
         rtol, atol = own.getTolerances()[:2]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import ufl
 from contact_programs import TIGHT, program, surface
 from contact_scenes import PLATE, slide
 from running import solve
 
 import fem_snh
 from fem_snh import scenes
+from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
@@ -54,3 +56,24 @@ def test_two_blocks(comm, method):
     assert ("load steps" in parts) == (method == "augmented_lagrangian")
     if method == "penalty":
         assert 0.002 < parts["penalty"] / row["energy"] < 0.2
+
+
+def test_the_stiffness_of_contact_where_no_cell_has_a_material(comm):
+    """A UFL energy has no Young's modulus, on which the default depends."""
+    body = mesh.generate(comm, "cube", "hexahedron", cells=2)
+
+    def row(stiffness):
+        plate = fem_snh.Obstacle(**PLATE | {"stiffness": stiffness}, group=surface(body, "top")[0])
+        problem = program(body, {"bottom": 0.0}, plate, energy=neo_hookean)
+        return problem.steps(1)
+
+    with pytest.raises(BadInput, match=r"obstacle 'plate': stiffness: expected a value \[Pa/m\]"):
+        next(iter(row(None)))
+    *_, last = row(20.0)
+    assert last["converged"] and last["obstacles"]["plate"]["stiffness"] == pytest.approx(20.0)
+
+
+def neo_hookean(u):
+    """An energy of a program's own."""
+    F = ufl.Identity(3) + ufl.grad(u)
+    return (ufl.inner(F, F) - 3) / 2 - ufl.ln(ufl.det(F)) + (ufl.det(F) - 1) ** 2 / 2

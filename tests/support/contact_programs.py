@@ -19,16 +19,22 @@ MATERIAL = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
 TIGHT = {"snes_scaled_tol": 1e-10}
 
 
-def program(body: mesh.Mesh, moved: dict[str, float], *terms: Any) -> fem_snh.NonlinearProblem:
-    """Return a problem of degree 1 whose groups move vertically by given distances."""
+def program(
+    body: mesh.Mesh, moved: dict[str, float], *terms: Any, energy: Any = None
+) -> fem_snh.NonlinearProblem:
+    """Return a problem of degree 1 whose groups move vertically by given distances.
+
+    Its material is `MATERIAL`, or an ``energy`` density of u in UFL takes its place.
+    """
     V = vector_space(body.domain)
     u, prescribed = fem.Function(V), fem.Function(V)
     nodes = {name: group_nodes(V, body, name) for name in moved}
     for name, distance in moved.items():
         prescribed.x.array.reshape(-1, 3)[nodes[name], 2] = distance
     bcs = [_dolfinx.prescribed(prescribed, np.unique(np.concatenate(list(nodes.values()))))]
+    materials, forms = ({}, [energy(u) * ufl.dx]) if energy else ({MATERIAL: ufl.dx}, [])
     return fem_snh.NonlinearProblem(
-        u, {MATERIAL: ufl.dx}, bcs=bcs, terms=list(terms), petsc_options=TIGHT
+        u, materials, bcs=bcs, terms=[*forms, *terms], petsc_options=TIGHT
     )
 
 

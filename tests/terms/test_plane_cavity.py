@@ -6,9 +6,12 @@ from math import pi
 
 import numpy as np
 import pytest
+import ufl
 from gmsh_files import section
 from plane_scenes import TIGHT, solve
 
+import fem_snh
+from fem_snh import scenes
 from fem_snh.errors import BadInput
 
 INNER, OUTER = 1.0, 1.5
@@ -99,3 +102,28 @@ def test_factors_of_the_sum(comm, folder):
     assert rows[1] == pytest.approx(rows[0], rel=1e-9)
     with pytest.raises(BadInput, match="ksp_type = preonly: expected an iterative solver"):
         solve(path, comm, petsc={"ksp_type": "preonly", "pc_type": "lu"})
+
+
+@pytest.mark.one_debian
+@pytest.mark.mpi
+def test_factors_of_a_sum_that_is_not_symmetric(comm, folder):
+    """A residual without an energy, beside the fluid's part of rank one."""
+    path = scene(comm, folder, kinematics="plane_strain", nu=0.4, volume=0.8)
+    arguments = dict(scenes.load(str(path)).build(comm).arguments)
+    u = arguments["u"]
+    v = ufl.TestFunction(u.function_space)
+    arguments["terms"] = [*arguments["terms"], 3.0 * (u[0] * v[1] - u[1] * v[0]) * ufl.dx]
+    program = fem_snh.NonlinearProblem(**arguments)
+    problem, solver = program._problem, program.solver.getPythonContext().asymmetric
+    problem.set_load(1.0)
+    problem.jacobian(problem.x, "exact", whole=True)
+    assert solver.needed and problem.operator != problem.A
+    b, x, residual = (problem.x.duplicate() for _ in range(3))
+    b.set(1.0)
+    b.array[problem.constrained_dofs] = 0.0
+    solver.ksp.setOperators(problem.operator, problem.A)
+    solver.ksp.setTolerances(rtol=1e-10)
+    solver.ksp.solve(b, x)
+    problem.operator.mult(x, residual)
+    residual.axpy(-1.0, b)
+    assert residual.norm() <= 1e-8 * b.norm()
