@@ -51,7 +51,7 @@ class NotSettled(RuntimeError):
     """A step failed although no solve did, for example by alternating lagged quantities."""
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def suggestion_for(word: str, known: Iterable[str]) -> str:
     """Return the end of a message, ``" (did you mean 'x'?)"`` with a leading space, or ``""``.
 
     x is the known word that begins with ``word`` if there is exactly one, otherwise the most
@@ -108,7 +108,7 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
         Accepted words; the nearest to ``value`` is suggested.
     """
     word = value if isinstance(value, str) else ""
-    return BadInput(f"{key} = {shown(value)}: expected {accepted}{nearest(word, known)}")
+    return BadInput(f"{key} = {shown(value)}: expected {accepted}{suggestion_for(word, known)}")
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "") -> BadInput:
@@ -119,7 +119,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "
     """
     known = list(known)
     listed = f"one of {', '.join(known)}" if known else "none"
-    suggestion = suggestion or nearest(name, known)
+    suggestion = suggestion or suggestion_for(name, known)
     return BadInput(f"unknown {kind} {shown(name)}: expected {listed}{suggestion}")
 
 

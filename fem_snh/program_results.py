@@ -152,7 +152,7 @@ def reaction(
     weights = reactions.counted_weights(discrete, condition)
     if about is None:
         return np.asarray(reactions.reaction(discrete, weights)[0])
-    point = reactions.three_numbers("about", about)
+    point = reactions.check_point("about", about)
     return np.asarray(reactions.reaction(discrete, weights, point)[1])
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from fem_snh.errors import BadInput, nearest, nearest_file
+from fem_snh.errors import BadInput, nearest_file, suggestion_for
 
 Function = Callable[..., Any]
 
@@ -93,7 +93,9 @@ def load_reference(reference: str) -> Function:
     found = getattr(module, name, None)
     if found is None:
         functions = [key for key, v in vars(module).items() if callable(v) and key[0] != "_"]
-        raise BadInput(f"'{reference}': {path} has no function '{name}'{nearest(name, functions)}")
+        raise BadInput(
+            f"'{reference}': {path} has no function '{name}'{suggestion_for(name, functions)}"
+        )
     if not callable(found):
         raise BadInput(
             f"'{reference}': {name} is of type {type(found).__name__}: expected a function"

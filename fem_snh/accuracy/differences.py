@@ -351,8 +351,9 @@ def penalty_errors(
     NoEstimate
         If no equilibrium with a larger stiffness is found, or the goals do not settle.
     """
-    if not problem.scale_penalties(1.0):
+    if not problem.scale_penalties(STIFFER):
         return None
+    problem.scale_penalties(1 / STIFFER)
     present = 1.0
 
     def stiffened(factor: float) -> Array:

@@ -31,8 +31,8 @@ from fem_snh.errors import BadInput, bad_value, check_number, choose
 from fem_snh.problem.conditions import condition_of, is_condition
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import (
+    check_point,
     counted_weights,
-    three_numbers,
 )
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.feature import Feature
@@ -128,7 +128,7 @@ def _goals(problem: Problem, number: int, name: str, value: Any) -> list[Goal]:
                     return [TermGoal(result, every if result.endswith(".force") else (), name)]
         case (condition, about) if is_condition(condition):
             label = condition_of(problem.dirichlet, condition, key).label
-            centre = three_numbers(key, about)
+            centre = check_point(key, about)
             if not turned:
                 raise refused("a moment", f"a force, with kinematics = '{kinematics.name}'")
             weights = partial(counted_weights, condition=condition)

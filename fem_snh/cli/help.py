@@ -16,7 +16,7 @@ from typing import Any
 
 from fem_snh import cli
 from fem_snh.cli.options import Parser
-from fem_snh.errors import BadInput, nearest, unknown_name
+from fem_snh.errors import BadInput, suggestion_for, unknown_name
 from fem_snh.materials import TUNING, defaults, describe, names, pins
 from fem_snh.materials.parameters import MEANINGS
 from fem_snh.materials.registry import published
@@ -236,7 +236,7 @@ def find(words: str) -> list[Key]:
         inner |= dict.fromkeys([*names(), *TUNING] if table == "material" else [])
         raise BadInput(f"{table}: {unknown_name('key', name, inner, suggestion(name, inner))}")
     listed = [*Scene.model_fields, *names()]
-    near = suggestion(path, listed) or nearest(path, listed)
+    near = suggestion(path, listed) or suggestion_for(path, listed)
     raise BadInput(f"unknown key or material '{words}': expected what `fem-snh help` lists{near}")
 
 

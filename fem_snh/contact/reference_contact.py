@@ -66,7 +66,7 @@ _EDGE_AREA = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
-class ContactPairs:
+class ContactSprings:
     r"""Springs between samples and targets, constant during a solve; the same on all ranks.
 
     With the positions of sample and target, :math:`x_s` and :math:`x_t`, the lagged outward normal
@@ -105,7 +105,7 @@ class ContactPairs:
     stiffness: Array
 
     @classmethod
-    def none(cls, num_points: int, dim: int) -> ContactPairs:
+    def none(cls, num_points: int, dim: int) -> ContactSprings:
         """Return an empty set of pairs for a surface of ``num_points`` points."""
         integers = np.empty(0, int)
         corners = np.empty((0, 2 * dim), int)
@@ -115,21 +115,21 @@ class ContactPairs:
     def __len__(self) -> int:
         return len(self.sample)
 
-    def __getitem__(self, chosen: Array) -> ContactPairs:
+    def __getitem__(self, chosen: Array) -> ContactSprings:
         """Return the pairs at some indices, or where a mask is true."""
-        return ContactPairs(self.num_points, *(column[chosen] for column in self._columns))
+        return ContactSprings(self.num_points, *(column[chosen] for column in self._columns))
 
-    def joined(self, other: ContactPairs) -> ContactPairs:
+    def joined(self, other: ContactSprings) -> ContactSprings:
         """Return the union of these pairs and others, sorted by sample."""
         both = [np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True)]
-        return ContactPairs(self.num_points, *both)[np.argsort(both[0], kind="stable")]
+        return ContactSprings(self.num_points, *both)[np.argsort(both[0], kind="stable")]
 
-    def find(self, other: ContactPairs, x: Array, distance: float) -> Array:
+    def find(self, other: ContactSprings, x: Array, distance: float) -> Array:
         """Return for each pair one of ``other`` with the same sample and a target close by.
 
         Parameters
         ----------
-        other : ContactPairs
+        other : ContactSprings
             Other pairs.
         x : (points, 3)
             The positions of the surface's points [m].
@@ -266,7 +266,7 @@ class TargetSearch:
         self._reference = ReferenceSurface(points, triangles, of_points[triangles[:, 0]])
         self._normals, self._closer = PseudoNormals(triangles), CloserTargets(triangles)
 
-    def find(self, u: Array, x: Array) -> ContactPairs:
+    def find(self, u: Array, x: Array) -> ContactSprings:
         """Return the pairs of samples inside the body or close to its surface, and of edges.
 
         Collective; the same on all ranks.
@@ -293,11 +293,11 @@ class TargetSearch:
         normal = self._target_normals(x, sample, points[sample], target, coordinates, outward)
         areas = samples.facing(sample, normal, outward)
         springs = self._springs(corners, factors, areas)
-        pairs = ContactPairs(len(x), sample, target, corners, factors, normal, springs)
+        pairs = ContactSprings(len(x), sample, target, corners, factors, normal, springs)
         pairs = pairs[areas > _ACTS * samples.areas[sample]]
         return pairs.joined(self._crossing_edges(x, outward)) if self._dim == 3 else pairs
 
-    def penetration(self, pairs: ContactPairs, x: Array) -> float:
+    def penetration(self, pairs: ContactSprings, x: Array) -> float:
         """Return the largest penetration [m], >= 0, at positions x of the surface's points.
 
         A sample in the body penetrates by its distance from the closest point of the surface around
@@ -321,7 +321,7 @@ class TargetSearch:
     def _springs(self, corners: Array, factors: Array, areas: Array) -> Array:
         """Return the stiffness (n,) [N/m] of springs that act with areas (n,) [m^2].
 
-        ``corners`` and ``factors`` (n, 2 dim) are those of `ContactPairs`.
+        ``corners`` and ``factors`` (n, 2 dim) are those of `ContactSprings`.
         """
         values, dim = np.abs(factors) * self._stiffness[corners], self._dim
         # Where two surfaces touch, the samples of both have half of the stiffness each.
@@ -406,7 +406,7 @@ class TargetSearch:
         columns = sample[order], found.triangle[order], found.coordinates[order]
         return np.asarray(np.column_stack(columns).reshape(-1, 2 + self._dim))
 
-    def _crossing_edges(self, x: Array, outward: Array) -> ContactPairs:
+    def _crossing_edges(self, x: Array, outward: Array) -> ContactSprings:
         """Return the springs between edges that cross, or may cross in the next solve."""
         edges, triangles = self._edges, self._surface.triangles
         found = edges.crossings(x, outward, _APPROACH * self.size)
@@ -426,7 +426,7 @@ class TargetSearch:
         )
         # Edges are numbered after the samples.
         sample, target = len(self.samples) + first, edges.triangles[second, 0]
-        return ContactPairs(len(x), sample, target, *both, normal, springs)
+        return ContactSprings(len(x), sample, target, *both, normal, springs)
 
 
 def _without_repeated(hits: Array) -> Array:
@@ -633,11 +633,11 @@ class ReferenceContact(SelfContactTerm):
 
     Attributes
     ----------
-    springs : ContactPairs
+    springs : ContactSprings
         The present pairs of samples and targets.
     """
 
-    springs: ContactPairs
+    springs: ContactSprings
     _coupled: bool
 
     def __init__(
@@ -651,7 +651,7 @@ class ReferenceContact(SelfContactTerm):
         super().__init__(V, skin, kinematics)
         revolved, overlap = kinematics.revolved, skin is not None
         self._search = TargetSearch(V, self.surface, regions, stiffness, overlap, revolved)
-        self._set_springs(ContactPairs.none(len(self.surface.points), kinematics.components))
+        self._set_springs(ContactSprings.none(len(self.surface.points), kinematics.components))
         self._searches, self._penetration, self._stale = 0, 0.0, True
 
     def set_load(self, load: float) -> None:
@@ -744,7 +744,7 @@ class ReferenceContact(SelfContactTerm):
             self._set_springs(updated)
         return change
 
-    def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
+    def _updated(self, new: ContactSprings, x: Array) -> ContactSprings:
         """Return the pairs of a new search, with those former pairs that are kept."""
         old = self.springs
         if self._searches > _SEARCHES_TO_MOVE:
@@ -757,7 +757,7 @@ class ReferenceContact(SelfContactTerm):
             new = new[same < 0]
         return new.joined(old[kept])
 
-    def _set_springs(self, springs: ContactPairs) -> None:
+    def _set_springs(self, springs: ContactSprings) -> None:
         self.springs, self.pairs = springs, [springs]
         self._coupled = False
 

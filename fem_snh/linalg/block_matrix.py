@@ -433,7 +433,6 @@ class Halo:
         width: int,
         dtype: npt.DTypeLike = np.float32,
     ) -> None:
-        self.first, self.nodes = first, nodes
         owner = np.searchsorted(first, nodes, side="right") - 1
         remote = np.column_stack([owner, nodes - first[owner]]).astype(PETSc.IntType)
         self._forest = PETSc.SF().create(comm)

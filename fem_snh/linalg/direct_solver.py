@@ -191,7 +191,7 @@ class SymmetricFactors:
         additive in :math:`[A, U; U^T, -C^{-1}]`, this is the number of eigenvalues of
         :math:`C^{-1} + U^T A^{-1} U` that are not positive (Haynsworth 1968).
         """
-        _, S = solved_columns(self._ksp, operator)
+        _, S = solve_columns(self._ksp, operator)
         return int((np.linalg.eigvalsh(S) <= 0).sum())
 
     def destroy(self) -> None:
@@ -226,7 +226,7 @@ class FactorsOfSum:
             self._ksp = PETSc.KSP().create(A.comm)
             set_direct_solver(self._ksp)
         _factorise(self._ksp, A)
-        self._Z, S = solved_columns(self._ksp, operator)
+        self._Z, S = solve_columns(self._ksp, operator)
         try:
             self._S_inverse = np.linalg.inv(S)
         except np.linalg.LinAlgError:  # the sum is singular
@@ -258,7 +258,7 @@ def is_factors_of_sum(pc: PETSc.PC) -> bool:
     return is_python and isinstance(pc.getPythonContext(), FactorsOfSum)
 
 
-def solved_columns(ksp: PETSc.KSP, operator: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:
+def solve_columns(ksp: PETSc.KSP, operator: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:
     r"""Return :math:`Z = A^{-1} U` and :math:`S = C^{-1} + U^T Z` of an operator. Collective.
 
     Parameters

@@ -110,10 +110,6 @@ class Energy:
         """Return (psi,), or the three principal stresses of a material without an energy."""
         return self.slopes if self.psi is None else (self.psi,)
 
-    def atoms(self, kind: type[sympy.Basic]) -> set[sympy.Basic]:
-        """Return the sub-expressions of type ``kind``, as sympy's ``atoms`` does."""
-        return set().union(*(e.atoms(kind) for e in self.expressions))
-
     @cached_property
     def psi_sigma(self) -> sympy.Expr:
         """Return psi in the principal stretches ``s0, s1, s2``; None without an energy."""

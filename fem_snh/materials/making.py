@@ -16,7 +16,7 @@ from typing import Any
 
 import sympy
 
-from fem_snh.errors import BadInput, bad_value, nearest, shown
+from fem_snh.errors import BadInput, bad_value, shown, suggestion_for
 from fem_snh.materials.construction import construct, symbolic
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
@@ -86,7 +86,7 @@ def make_energy(
     for key in keywords:
         if key not in known:
             raise BadInput(
-                f"material '{name}' has no parameter '{key}'{nearest(key, known)}: "
+                f"material '{name}' has no parameter '{key}'{suggestion_for(key, known)}: "
                 f"it takes E, nu, {', '.join(known)}"
             )
     if any(keywords.get(key) is not None for key in (*pinned, *literature)):
@@ -136,21 +136,27 @@ def _check_rest_stress(energy: Energy) -> None:
 
 
 def _check_isotropy(energy: Energy) -> None:
-    """Raise BadInput if a user's energy in the stretches depends on their order."""
-    if not energy.of_stretches or energy.psi is None:
+    """Raise BadInput if a user's energy or stresses single out one of the principal stretches."""
+    if not energy.of_stretches:
         return
-    s0, s1, s2 = SIGMA
-    first = energy.psi.subs(_STRETCHES)
-    for order in ((s1, s0, s2), (s0, s2, s1)):
-        swapped = energy.psi.subs(dict(zip(SIGMA, order, strict=True)), simultaneous=True)
-        difference = (swapped.subs(_STRETCHES) - first).subs(
-            dict(zip(energy.constants, energy.values, strict=True))
-        )
-        if abs(float(difference)) > REST_STRESS * energy.E:
-            raise BadInput(
-                f"material '{energy.name}' is not symmetric in s0, s1, s2: expected an isotropic "
-                "energy"
-            )
+    expressions = energy.expressions
+    constants = dict(zip(energy.constants, energy.values, strict=True))
+
+    def value(expression: sympy.Expr) -> float:
+        return float(expression.subs(_STRETCHES).subs(constants))
+
+    for order in ((1, 0, 2), (0, 2, 1)):
+        swap = {SIGMA[i]: SIGMA[k] for i, k in enumerate(order)}
+        # A stress of the swapped stretches is the swapped stress.
+        expected = [expressions[k] for k in order] if energy.psi is None else expressions
+        for expression, same in zip(expressions, expected, strict=True):
+            swapped = expression.subs(swap, simultaneous=True)
+            if abs(value(swapped) - value(same)) > REST_STRESS * energy.E:
+                wanted = "p1 to be p0 with s0 and s1 swapped" if energy.psi is None else ""
+                raise BadInput(
+                    f"material '{energy.name}' is not symmetric in s0, s1, s2: expected "
+                    f"{wanted or 'an isotropic energy'}"
+                )
 
 
 #: Largest relative difference of two equal values of E, and largest difference of two equal
@@ -219,7 +225,7 @@ def with_moduli(
     return *found, {k: v for k, v in keywords.items() if symbols.get(k) not in free}
 
 
-def replace_weak(
+def drop_determined_moduli(
     table: dict[str, Any], given: Collection[str], keywords: Keywords
 ) -> dict[str, Any]:
     """Return a material's table without the old E and nu that newly given constants determine.

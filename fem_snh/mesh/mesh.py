@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.choices import DEFAULT_CELLS
-from fem_snh.errors import BadInput, choose, nearest, on_every, on_root
+from fem_snh.errors import BadInput, choose, on_every, on_root, suggestion_for
 from fem_snh.files import is_shape
 from fem_snh.mesh import gmsh_input, xdmf_input
 from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, NodeCopies, PhysicalGroup, Skin
@@ -128,7 +128,7 @@ class Mesh:
         found = [g for g in found if str(key) == g.name] or found
         if not found:
             known = ", ".join(g.label for g in self.groups) or "none"
-            suggestion = nearest(str(key), [g.name for g in self.groups])
+            suggestion = suggestion_for(str(key), [g.name for g in self.groups])
             raise BadInput(f"no physical group '{key}' in the mesh{suggestion}: it has {known}")
         if len(found) > 1:
             options = " or ".join(f"'{g.label}'" for g in found)

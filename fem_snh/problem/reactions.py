@@ -261,7 +261,7 @@ def counted_weights(problem: Problem, condition: Any) -> Array:
     return counted_forces(problem.dirichlet, [found], *size).weights
 
 
-def three_numbers(key: str, value: Any) -> list[float]:
+def check_point(key: str, value: Any) -> list[float]:
     """Return three finite numbers as floats; raise BadInput for anything else."""
     try:
         numbers = np.asarray(value, dtype=float)

@@ -283,8 +283,8 @@ class StiffParts:
         """Set ``end`` to x + step d, with finite rotations of the stiff parts. Collective."""
         end.waxpy(step, d, x)
         nodes, labels, shape = self._nodes, self._labels, (-1, 3)
-        y = self._X + x.array_r[: 3 * self._total(x)].reshape(shape)[nodes]
-        v = step * d.array_r[: 3 * self._total(x)].reshape(shape)[nodes]
+        y = self._X + x.array_r[: 3 * self._end].reshape(shape)[nodes]
+        v = step * d.array_r[: 3 * self._end].reshape(shape)[nodes]
         means = self._sum(np.hstack([y, v])) / self._size
         r, v = y - means[labels, :3], v - means[labels, 3:]
         squares = (r**2).sum(axis=1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
@@ -292,7 +292,7 @@ class StiffParts:
         omega = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3), sums[:, 9:, None])[:, :, 0]
         turned = rotate(omega[labels], r + v - np.cross(omega[labels], r))
         values = end.array
-        moved = values[: 3 * self._total(x)].reshape(shape)
+        moved = values[: 3 * self._end].reshape(shape)
         turned = means[labels, :3] + means[labels, 3:] + turned - self._X
         moved[nodes] = np.where(self._fixed, moved[nodes], turned)
 
@@ -301,7 +301,7 @@ class StiffParts:
 
         Collective.
         """
-        total = 3 * self._total(x)
+        total = 3 * self._end
         y, z = (self._X + v.array_r[:total].reshape(-1, 3)[self._nodes] for v in (start, x))
         means = self._sum(np.hstack([y, z])) / self._size
         r, s = y - means[self._labels, :3], z - means[self._labels, 3:]
@@ -311,8 +311,9 @@ class StiffParts:
         turned = means[self._labels, 3:] + turned - self._X
         moved[self._nodes] = np.where(self._fixed, moved[self._nodes], turned)
 
-    def _total(self, x: PETSc.Vec) -> int:
-        """Return how many first nodes of this rank include all nodes of the parts."""
+    @property
+    def _end(self) -> int:
+        """One more than the last node of this rank that a part has."""
         return int(self._nodes[-1]) + 1 if len(self._nodes) else 0
 
     def _sum(self, values: Array) -> Array:

@@ -33,7 +33,7 @@ from fem_snh.records.run_files import (
     take_run,
 )
 from fem_snh.records.run_record import Note, Record, flat, table_text
-from fem_snh.runs.notes import kinks, mesh_note, partial_rotations, shape_notes, turns
+from fem_snh.runs.notes import kinks, mesh_note, partial_rotation_notes, shape_notes, turns
 from fem_snh.runs.scene_options import describe_condensation, describe_defaults
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
@@ -65,7 +65,7 @@ def describe(setup: Setup) -> Record:
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
     texts = [text for term in problem.terms if (text := term.note)]
-    texts += [*turns(scene), *partial_rotations(scene), *kinks(scene)]
+    texts += [*turns(scene), *partial_rotation_notes(scene), *kinks(scene)]
     texts += [*problem.dirichlet.contradictions(), *problem.reaction_notes]
     texts += [
         f"reactions of {key!r}: nothing constrains its nodes: the force is zero, up to the residual"

@@ -43,7 +43,7 @@ from fem_snh.records.run_record import Record
 from fem_snh.runs.scene_goals import named_goals
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, define_scene, set_up
-from fem_snh.studies.fit.data import WITH_A_SQUARE, has_a_square, read_cells
+from fem_snh.studies.fit.data import WITH_A_SQUARE, is_safe_to_square, read_cells
 from fem_snh.studies.fit.family import accepted_range
 from fem_snh.studies.fit.least_squares import reaches_bound, standard_errors
 from fem_snh.studies.fit.result import r_squared, toml_table
@@ -104,7 +104,8 @@ class MeasuredCurve:
 
     def __post_init__(self) -> None:
         for name, column in zip(self.names, self.values.T, strict=True):
-            if not has_a_square(column[np.isfinite(column)]).all() or not np.nansum(np.abs(column)):
+            safe = is_safe_to_square(column[np.isfinite(column)]).all()
+            if not safe or not np.nansum(np.abs(column)):
                 raise BadInput(
                     f"goal {name}: expected measured values other than 0, {WITH_A_SQUARE}"
                 )

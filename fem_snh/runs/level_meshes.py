@@ -31,7 +31,7 @@ from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Geometry, Lattice, Scene
-from fem_snh.scenes.build import mesh_again
+from fem_snh.scenes.build import mesh_with_sizes
 from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
@@ -323,7 +323,7 @@ def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Ref
 
     def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
         cells = data.cells[:, : data.x.shape[1] + 1]
-        return mesh_again(scene, data.cell, size_field(cells, data.x, target(wanted)))
+        return mesh_with_sizes(scene, data.cell, size_field(cells, data.x, target(wanted)))
 
     return {}, _with_target(comm, scene, last, finer, mesh)
 

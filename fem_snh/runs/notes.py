@@ -66,7 +66,7 @@ def kinks(scene: Scene) -> list[str]:
     ]
 
 
-def partial_rotations(scene: Scene) -> list[str]:
+def partial_rotation_notes(scene: Scene) -> list[str]:
     """Return a line for each rotation that does not prescribe all components that it moves."""
     known = "xyz" if scene.kinematics in (None, "axisymmetric_torsion") else "xy"
     found = []

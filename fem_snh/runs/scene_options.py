@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -20,9 +20,6 @@ from fem_snh.records.run_record import Record
 from fem_snh.scenes import Scene
 from fem_snh.solver import PREFIX
 from fem_snh.steps.cell_pressures import Condensation
-
-if TYPE_CHECKING:
-    pass
 
 #: Shift of a zero diagonal, relative to Young's modulus: negligible beside a stiffness.
 _SHIFT = 1e-10

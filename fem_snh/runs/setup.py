@@ -165,7 +165,7 @@ def set_up(
 
 def _why_condensed(scene: scenes.Scene) -> str:
     """Return why cell pressures are eliminated at any Poisson's ratio; "" if the ratio decides."""
-    if reason := scenes.why_condensed(scene):
+    if reason := scenes.condensation_reason(scene):
         return reason
     if scene.start is not None and scene.start.run is None:
         return "a start far from equilibrium, where the energy has to be minimised"

@@ -14,7 +14,7 @@ from __future__ import annotations
 from fem_snh.contact.contact_tables import Contact, SelfContact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes._bones import BoneChoice, Rig
-from fem_snh.scenes._consistency import check_consistency, group_references, why_condensed
+from fem_snh.scenes._consistency import check_consistency, condensation_reason, group_references
 from fem_snh.scenes._material import MaterialChoice
 from fem_snh.scenes._outputs import (
     LARGEST,
@@ -50,12 +50,50 @@ from fem_snh.terms.loads import Gravity, Pressure, Spring, Traction
 from fem_snh.terms.rigid import Rigid
 
 __all__ = [
-    "FEATURES", "GROUP", "LARGEST", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
-    "Contact", "Damping", "Geometry", "GoalName", "Gravity", "Hold", "Lattice", "MaterialChoice",
-    "Modes", "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
-    "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction",
-    "check_consistency", "describe", "function", "group_references", "load",
-    "load_to_run", "names",
-    "own_parameters", "read_goal", "read_toml", "register_feature", "term_goals", "validate",
-    "why_condensed",
+    "FEATURES",
+    "GROUP",
+    "LARGEST",
+    "Accuracy",
+    "Amplitude",
+    "BoneChoice",
+    "Cavity",
+    "Contact",
+    "Damping",
+    "Geometry",
+    "GoalName",
+    "Gravity",
+    "Hold",
+    "Lattice",
+    "MaterialChoice",
+    "Modes",
+    "Move",
+    "Obstacle",
+    "Pressure",
+    "Probe",
+    "Reaction",
+    "Rig",
+    "Rigid",
+    "Rotate",
+    "Scene",
+    "SelfContact",
+    "Spring",
+    "Start",
+    "Symmetry",
+    "Tetrahedra",
+    "Time",
+    "Traction",
+    "check_consistency",
+    "condensation_reason",
+    "describe",
+    "function",
+    "group_references",
+    "load",
+    "load_to_run",
+    "names",
+    "own_parameters",
+    "read_goal",
+    "read_toml",
+    "register_feature",
+    "term_goals",
+    "validate",
 ]  # fmt: skip

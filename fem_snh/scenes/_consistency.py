@@ -89,7 +89,7 @@ def _solver_rules(scene: Scene) -> Iterator[Rule]:
         without = "[time]" if scene.time else "no [[bone]]"
         accepted = f"another one, as the scene has {without}"
         yield scene.time or not scene.bone, "predictor", "bones", accepted
-    key, why = "static_condensation", why_condensed(scene)
+    key, why = "static_condensation", condensation_reason(scene)
     if scene.static_condensation:
         has_pressures = ELEMENTS[scene.element].volume == "mean"
         yield not has_pressures, key, "true", f"no value, as {why}"
@@ -232,7 +232,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
             yield "accuracy.goals", named.name
 
 
-def why_condensed(scene: Scene) -> str:
+def condensation_reason(scene: Scene) -> str:
     """Return the reason why cell pressures cannot be unknowns in a scene; "" if they can."""
     if ELEMENTS[scene.element].volume != "mean":
         names = in_words(e.name for e in ELEMENTS.values() if e.volume == "mean")

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import LATTICE_WEIGHTINGS
-from fem_snh.errors import bad_value, choose, nearest
+from fem_snh.errors import bad_value, choose, suggestion_for
 from fem_snh.records.output_fields import LOCATIONS, NAMED
 from fem_snh.records.units import Units
 from fem_snh.tables.shapes import ShapeChoice
@@ -382,7 +382,7 @@ def read_goal(text: str, scene: Scene) -> GoalName:
         kind, name = quantity, group
     else:
         known = [f"{name}.{last}" for name in vectors] if has_component else [*vectors, *scalars]
-        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(text, known))
+        raise bad_value("accuracy.goals", text, _ACCEPTED + suggestion_for(text, known))
     if not _OF_GROUPS.get(kind, True):
         return GoalName(kind, name)
     kinematics = kinematics_of(scene.kinematics)

@@ -277,11 +277,11 @@ def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, An
         return material
     if not constants & given:
         return material
-    from fem_snh.materials.making import Incomplete, replace_weak  # imports sympy
+    from fem_snh.materials.making import Incomplete, drop_determined_moduli  # imports sympy
 
     own = {k: v for k, v in material.items() if k not in MaterialChoice.model_fields}
     try:
-        return replace_weak(material, given, own)
+        return drop_determined_moduli(material, given, own)
     except Incomplete:
         raise
     except BadInput:  # it is reported where the table is validated

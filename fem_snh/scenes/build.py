@@ -134,7 +134,7 @@ def make_mesh(comm: Any, scene: Scene) -> Mesh:
     return lattice.create(comm, partial(shape_of, chosen.lattice), *choices)
 
 
-def mesh_again(scene: Scene, cell: str, sizes: SizeField) -> gmsh_input.MeshData:
+def mesh_with_sizes(scene: Scene, cell: str, sizes: SizeField) -> gmsh_input.MeshData:
     """Return a mesh of a scene's exact geometry with a size field. On rank 0 only."""
     if isinstance(scene.mesh, Path):
         return gmsh_input.mesh_shape(str(scene.mesh), sizes=sizes, **_cells(scene))

@@ -127,11 +127,6 @@ class Start(Table):
         """Whether ``map``, ``scatter`` or ``noise`` gives the body an initial displacement."""
         return self.map is not None or self.scatter is not None or self.noise > 0
 
-    @property
-    def moves(self) -> bool:
-        """Whether the body starts with a velocity."""
-        return self.velocity is not None or self.angular_velocity is not None
-
 
 _Radius = Annotated[Finite, Field(ge=0, le=1), Expect("a number from 0 to 1")]
 Integrator = Annotated[str, OneOf(INTEGRATORS)]

@@ -146,7 +146,8 @@ class LineSearchNewton:
         step.diverged = _Reason.DIVERGED_LINEAR_SOLVE
         if step.slope is not None:
             found = self.direction.line_search.search(start, d, step.slope, trial)
-            step.end, step.length, step.limited = found.end, found.length, found.limited
+            step.end, step.length = found.end, found.length
+            step.at_largest_step = found.at_largest_step
             step.diverged = 0 if step.end else _Reason.DIVERGED_LINE_SEARCH
         return step
 
@@ -383,7 +384,7 @@ class TrustRegion:
                 searched = (
                     Step() if slope is None else self.line_search.search(start, d, slope, trial)
                 )
-                full = searched.length >= SHORT or searched.limited
+                full = searched.length >= SHORT or searched.at_largest_step
                 if searched.end and (full or self.radius is None):
                     self.radius = max(self.radius or 0.0, searched.length * size)
                     step.end, step.length = searched.end, searched.length

@@ -104,7 +104,7 @@ def _linearised_step(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
     iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
     outcome = StepOutcome(False, "CONVERGED_ITS", norm, [iteration])
     outcome.linear_residual = found.residual
-    if norm > 0 and (found.slope is None or found.lack):
+    if norm > 0 and (found.slope is None or found.inaccuracy):
         linear = snes.getKSP()
         outcome.reason = linear_failure(linear, found)
         outcome.out_of_memory = found.out_of_memory or factors_out_of_memory(linear.getPC())
@@ -120,8 +120,8 @@ def _linearised_step(problem: SolvableProblem, snes: PETSc.SNES) -> StepOutcome:
     outcome.converged = isfinite(outcome.residual)
     if not outcome.converged:
         outcome.reason = "DIVERGED_FNORM_NAN"
-    elif found.remedy:
-        outcome.reason += f": {found.remedy}"
+    elif found.replacement:
+        outcome.reason += f": {found.replacement}"
     return outcome
 
 

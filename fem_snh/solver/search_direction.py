@@ -78,7 +78,7 @@ class Solution:
     Attributes
     ----------
     residual : Vec
-        f + A d, of the last `measure`.
+        f + A d, of the last `update_residual`.
     relative : float
         ``|f + A d|_2 / |f|_2``; infinity if d is not finite, 0 if f = 0.
     """
@@ -86,9 +86,9 @@ class Solution:
     def __init__(self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec) -> None:
         self.A, self.P, self.f, self.d = A, P, f, d
         self.residual, self._norm = f.duplicate(), f.norm()
-        self.measure()
+        self.update_residual()
 
-    def measure(self) -> float:
+    def update_residual(self) -> float:
         """Set `residual` and `relative` from the present ``d``; return `relative`. Collective."""
         self.A.mult(self.d, self.residual)
         self.residual.axpy(1.0, self.f)
@@ -99,7 +99,7 @@ class Solution:
     def restore(self, previous: PETSc.Vec) -> None:
         """Copy an earlier solution into ``d`` and measure its residual. Collective."""
         previous.copy(self.d)
-        self.measure()
+        self.update_residual()
 
     def attainable(self, rtol: float) -> float:
         """Return the larger of ``rtol`` and the relative residual that rounding may leave."""
@@ -127,7 +127,7 @@ class Solution:
             step.out_of_memory = factors_out_of_memory(ksp.getPC())
         finally:
             ksp.destroy()
-        if self.measure() < before:
+        if self.update_residual() < before:
             return True
         self.restore(iterated)
         return False
@@ -248,7 +248,7 @@ class SearchDirection:
         residual's norm at the start [N].
         """
         usual = self._saddle_point is None and not self._needs_asymmetric
-        if usual or step.length >= SHORT or step.limited:
+        if usual or step.length >= SHORT or step.at_largest_step:
             return True
         self._indefinite = start_norm
         return self.hessian != "adaptive" or step.filter != "exact"
@@ -315,11 +315,11 @@ class SearchDirection:
         if not accepted and self._factorise and not self._needs_asymmetric:
             if solution.factorise(step):
                 accepted = is_accepted()
-                step.remedy = f"sparse factors, as iterations left {first:.2g} of the residual"
+                step.replacement = f"sparse factors, as iterations left {first:.2g} of the residual"
         step.residual = solution.relative
         if self._accurate and not solution.relative <= solution.attainable(rtol):
             limit = f"{rtol:.2g}" if rtol < given else f"ksp_rtol = {rtol:g}"
-            step.lack = f"relative residual {solution.relative:.2g} > {limit}"
+            step.inaccuracy = f"relative residual {solution.relative:.2g} > {limit}"
         if not self._accurate:
             self.forcing.maximum = min(self.forcing.maximum, rtol)
         return slope if accepted else None
@@ -334,7 +334,7 @@ class SearchDirection:
             goal = min(max(_CYCLE_SHARE * rtol / before, _CYCLE_RTOL[0]), _CYCLE_RTOL[1])
             self._apply(self._ksp, A, P, solution.residual, correction, step, goal)
             d.axpy(1.0, correction)
-            if not solution.measure() < before:
+            if not solution.update_residual() < before:
                 solution.restore(previous)
                 break
             if is_accepted():

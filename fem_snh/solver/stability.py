@@ -190,7 +190,7 @@ class EquilibriumStability:
             negative -= factors.removed_by(self._problem.operator)
         return negative
 
-    def raise_rotations(self, x: PETSc.Vec, least: float = 0.0) -> None:
+    def shift_free_rotations(self, x: PETSc.Vec, least: float = 0.0) -> None:
         """Make the eigenvalues of rotations that nothing constrains positive in ``problem.A``.
 
         Rounding and the residual at ``x`` give these eigenvalues any sign. The diagonal is
@@ -207,7 +207,7 @@ class EquilibriumStability:
     def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
         """Return ``problem.A``, the exact Hessian at ``x``, with zero eigenvalues made positive."""
         self._problem.jacobian(x, "exact")
-        self.raise_rotations(x, _ZERO)
+        self.shift_free_rotations(x, _ZERO)
         return self._problem.A
 
     def _free_rotations(self, x: PETSc.Vec) -> list[PETSc.Vec]:
@@ -299,7 +299,7 @@ def negative_eigenvalues(problem: SolvableProblem, ksp: PETSc.KSP) -> int | None
 def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
     """Return whether the displacement's block of ``problem.A`` is positive definite. Collective.
 
-    None if iterations do not decide. Changes the matrix by `raise_rotations`.
+    None if iterations do not decide. Changes the matrix by `shift_free_rotations`.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
     ksp : PETSc.KSP
         Its linear solver, which is set up anew.
     """
-    EquilibriumStability(problem).raise_rotations(problem.x)
+    EquilibriumStability(problem).shift_free_rotations(problem.x)
     set_operators(ksp, *ksp.getOperators())  # the preconditioner may be that of the filtered one
     ksp.setUp()
     blocks = preconditioner_by_blocks(ksp.getPC())
@@ -350,7 +350,7 @@ def has_negative_curvature(problem: SolvableProblem, ksp: PETSc.KSP) -> bool:
 
     def assemble() -> None:
         problem.jacobian(problem.x, "exact")
-        EquilibriumStability(problem).raise_rotations(problem.x)
+        EquilibriumStability(problem).shift_free_rotations(problem.x)
 
     with (
         relative_tolerance(ksp, _INVERSE_RTOL),

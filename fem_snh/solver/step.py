@@ -64,7 +64,7 @@ class Step:
         The caller's trial state, set to the step's end; None if no step is acceptable.
     length : float
         Length of the step, in multiples of the search direction.
-    limited : bool
+    at_largest_step : bool
         Whether the length is below 1 and the largest one that the problem admits.
     slope : float or None
         Derivative of the merit function along the search direction, < 0; None if there is no
@@ -85,9 +85,9 @@ class Step:
         Negative eigenvalues of the exact Hessian, if its factors counted them.
     residual : float or None
         The relative residual of the linear system, if it was measured.
-    remedy : str
+    replacement : str
         What replaced a linear solver that failed, and why; empty if nothing did.
-    lack : str
+    inaccuracy : str
         Why the solution of the linear system is not accurate enough; empty if it is or need not be.
     out_of_memory : bool
         Whether sparse factors did not fit into memory.
@@ -95,7 +95,7 @@ class Step:
 
     end: State | None = None
     length: float = 0.0
-    limited: bool = False
+    at_largest_step: bool = False
     slope: float | None = None
     filter: str = ""
     filtered_points: int = 0
@@ -104,8 +104,8 @@ class Step:
     diverged: int = 0
     negative: int | None = None
     residual: float | None = None
-    remedy: str = ""
-    lack: str = ""
+    replacement: str = ""
+    inaccuracy: str = ""
     out_of_memory: bool = False
 
 
@@ -210,9 +210,9 @@ def linear_failure(ksp: PETSc.KSP, step: Step | None = None) -> str:
     reason, linear = "DIVERGED_LINEAR_SOLVE", ksp.getConvergedReason()
     if factors_out_of_memory(ksp.getPC()):
         return f"{reason}: the factors do not fit into memory"
-    if step and step.lack:
+    if step and step.inaccuracy:
         factors = "; sparse factors do not fit into memory" if step.out_of_memory else ""
-        return f"{reason}: {step.lack}{factors}"
+        return f"{reason}: {step.inaccuracy}{factors}"
     if linear >= 0:
         return f"{reason}: no descent direction"
     return f"{reason}: {_name(PETSc.KSP.ConvergedReason, linear)}"

@@ -184,7 +184,7 @@ def choose_condensation(
     wanted: bool | None,
     problem: Problem,
     make_mixed: Callable[[], Problem],
-    why_condensed: str,
+    condensation_reason: str,
     prefix: str = solver.PREFIX,
 ) -> Condensation:
     """Choose whether cell pressures are eliminated. Collective.
@@ -197,7 +197,7 @@ def choose_condensation(
         The condensed problem.
     make_mixed : callable
         ``make_mixed()`` returns the same problem with unknown pressures.
-    why_condensed : str
+    condensation_reason : str
         Why the program must eliminate the pressures at any Poisson's ratio; empty if it need not.
     prefix : str, optional
         Prefix of the solver's options in PETSc's database.
@@ -215,8 +215,8 @@ def choose_condensation(
     nu = max(region.material.numbers.nu for region in problem.regions)
     if nu < _MIXED_NU:
         return Condensation(reason=f"nu = {nu:g} < {_MIXED_NU}: the condensed problem is cheaper")
-    if why_condensed:
-        return Condensation(reason=why_condensed)
+    if condensation_reason:
+        return Condensation(reason=condensation_reason)
     try:
         pressures = CellPressures(problem, make_mixed(), prefix)
     except BadInput as error:
@@ -244,12 +244,12 @@ def program_pressures(
     if wanted is False and problem.element.volume != "mean":
         accepted = f"None: {problem.element.name} has no cell pressures"
         raise bad_value("static_condensation", wanted, accepted)
-    why_condensed = chosen_for_condensed(prefix, choices)
+    condensation_reason = chosen_for_condensed(prefix, choices)
     stateful = [t.name for t in problem.terms[1:] if not t.stateless]
     if stateful:
-        why_condensed = f"the term '{stateful[0]}' has a state of its own"
+        condensation_reason = f"the term '{stateful[0]}' has a state of its own"
         if wanted is False:
-            raise bad_value("static_condensation", wanted, f"None, as {why_condensed}")
+            raise bad_value("static_condensation", wanted, f"None, as {condensation_reason}")
 
     def make_mixed() -> Problem:
         """Return a problem with a displacement of its own, and the same conditions and terms."""
@@ -257,7 +257,7 @@ def program_pressures(
         given = element, problem.regions, problem.dirichlet, problem.terms[1:]
         return Problem(create_unknowns(u, element), *given)
 
-    return choose_condensation(wanted, problem, make_mixed, why_condensed, prefix).pressures
+    return choose_condensation(wanted, problem, make_mixed, condensation_reason, prefix).pressures
 
 
 def chosen_for_condensed(prefix: str, choices: Mapping[str, object]) -> str:

@@ -189,11 +189,11 @@ class StepSolver:
             outcome.history += self.pressures.history
         # In motion, forces that are small beside others, as the weight of a body in tension, count.
         self.snes.getPythonContext().force_iteration = self.motion is not None
-        judge = self._judge_slide if self.can_rescue and not self._rescued else None
+        judge = self._fail_sliding_step if self.can_rescue and not self._rescued else None
         solver.solve_until_settled(problem, self.snes, outcome, judge)
         return outcome
 
-    def _judge_slide(self, outcome: solver.StepOutcome) -> None:
+    def _fail_sliding_step(self, outcome: solver.StepOutcome) -> None:
         """Fail a step that followed negative curvature to a state where surfaces slide off.
 
         That state is a minimum for lagged pairs of points and facets that no longer touch. Further
@@ -457,7 +457,7 @@ class Stepper:
         """
         motion = self.motion
         if motion is None:
-            self._doubt_inversion(outcome, start, to)
+            self._fail_inverting_step(outcome, start, to)
             return {}
         if motion.tolerance is None:
             return {}
@@ -467,7 +467,7 @@ class Stepper:
             outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
         return {"error": ratio * motion.tolerance}
 
-    def _doubt_inversion(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> None:
+    def _fail_inverting_step(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> None:
         """Fail a divisible step whose end has inverted points and whose start has none."""
         problem = self.problem
         if to <= self._doubted or not self.size.is_divisible:

@@ -25,7 +25,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from fem_snh.choices import LARGEST_NUMBER
-from fem_snh.errors import BadInput, bad_value, nearest, shown, unknown_name
+from fem_snh.errors import BadInput, bad_value, shown, suggestion_for, unknown_name
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
@@ -150,7 +150,7 @@ class OneOf(Expect):
     def _check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
         word = super()._check(value, inner)
         if word not in self.words:
-            raise self._error(nearest(word, self.words))
+            raise self._error(suggestion_for(word, self.words))
         return word
 
 

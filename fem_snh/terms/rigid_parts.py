@@ -265,12 +265,6 @@ class RigidParts(Term):
         np.add.at(sums, self.labels, values)
         return np.asarray(self._comm.allreduce(sums))
 
-    def pose(self, x: PETSc.Vec, number: int) -> Array:
-        """Return the matrix [A | c], (3, 4), of a part's motion x = A X + c. Collective."""
-        poses = self.poses(x)
-        R, c = poses.R[number], poses.c[number]
-        return np.column_stack([R, c - R @ self.tree.points[number]])
-
     def poses(self, x: PETSc.Vec) -> Poses:
         """Return the poses nearest to the displacements in ``x``, in least squares. Collective."""
         u = self._nodal(x)

@@ -140,9 +140,11 @@ class Term:
         return 0
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the penalty stiffness by a factor; return whether the term has one.
+        """Multiply the penalty stiffness by ``factor``; return whether that changes the problem.
 
-        The error that penalties leave is inversely proportional to their stiffness.
+        The error that penalties leave is inversely proportional to their stiffness. With a factor
+        of 1 the result is True for a term with a stiffness, and False for the barrier of
+        self-contact, whose distance is divided by ``factor`` instead.
         """
         return False
 

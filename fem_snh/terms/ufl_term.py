@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isnan
-from time import perf_counter
 from typing import Any
 
 from mpi4py import MPI
@@ -75,8 +74,6 @@ class UFLTerm(Term):
     symmetric : bool
         Whether `add_hessian` adds the symmetric part of dR/du; it is dR/du itself if there is an
         energy. Without an energy `fem_snh.problem.problem.Problem` sets this attribute.
-    seconds : float
-        Time spent compiling.
 
     Raises
     ------
@@ -98,7 +95,6 @@ class UFLTerm(Term):
             raise bad_value("PETSc.ScalarType", "complex", "a PETSc configured with real numbers")
         self.name, self.depends_on_load = name, depends_on_load
         self._comm = u.function_space.mesh.comm
-        start = perf_counter()
         V = u.function_space
         # A copy: vectors beside the solution's are evaluated, too.
         self._u = _dolfinx.function(V, "displacement")
@@ -118,7 +114,6 @@ class UFLTerm(Term):
         self.has_energy = self.symmetric = energy is not None or self._hessian is None
         self._residual = compile_form(residual, name)
         self._energy = None if energy is None or self._force else compile_form(energy, name)
-        self.seconds = perf_counter() - start
 
     @property
     def has_hessian(self) -> bool:

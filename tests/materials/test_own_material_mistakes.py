@@ -10,6 +10,7 @@ from sympy import Symbol, log
 
 import fem_snh
 from fem_snh import BadInput
+from fem_snh.materials import PrincipalStress
 
 pytestmark = pytest.mark.one_debian
 
@@ -82,6 +83,13 @@ def anisotropic(s0, s1, s2, mu, lam):
     return mu * ((s0 - 1) ** 2 + 2 * (s1 - 1) ** 2) + lam / 2 * (s0 + s1 + s2 - 3) ** 2
 
 
+def anisotropic_stress(s0, s1, s2, mu, lam):
+    trace = lam * (s0 + s1 + s2 - 3)
+    return PrincipalStress(
+        *(k * mu * (s - 1) + trace for k, s in zip((2, 2, 3), (s0, s1, s2), strict=True))
+    )
+
+
 MISTAKES = [
     (number, r"its function returns 1.0: expected a sympy expression in I_C, J"),
     (raises, r"its function fails: TypeError: .*expected sympy's"),
@@ -99,6 +107,7 @@ MISTAKES = [
     (no_default, r"shape parameter 'k': expected a default"),
     (no_constant, r"has no free constant"),
     (three_constants, r"has the free constants a, b, c, .*: pin a, b, c or give defaults"),
+    (anisotropic_stress, r"is not symmetric in s0, s1, s2: expected p1 to be p0 with s0 and s1"),
     (anisotropic, r"is not symmetric in s0, s1, s2: expected an isotropic energy"),
 ]
 

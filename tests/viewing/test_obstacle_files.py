@@ -13,7 +13,7 @@ from contact_scenes import slide
 from interrupted_runs import cut
 from running import solve
 
-from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Sphere, from_record
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Polygon, Sphere, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
 
 ENDS: Any = ((0.1, 0.2, 0.3), (0.9, 0.5, 0.6))
@@ -44,6 +44,16 @@ def test_triangles_are_closed_and_on_the_shape(shape: Any, volume: float) -> Non
     assert np.abs(shape.distance(used)).max() < 1e-12
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     assert np.einsum("ni,ni->", a, np.cross(b, c)) / 6 == pytest.approx(volume, rel=0.01)
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_the_sides_of_a_polygon_face_outwards(step: int) -> None:
+    """Whichever way its corners go: the cones from the origin to the sides are 2/3 of the prism."""
+    shape = Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.5, 1.5))[::step])
+    points, triangles = surface_triangles(shape, np.zeros(3), 3.0)
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    cones = np.einsum("ni,ni->", a, np.cross(b, c)) / 6
+    assert cones == pytest.approx(2 / 3 * 2.25 * 6.0, rel=1e-12)
 
 
 @pytest.mark.mpi

@@ -44,17 +44,21 @@ class Polygon(Shape):
             raise bad_value("points", [list(p) for p in self.points], simple)
 
     @cached_property
+    def corners(self) -> Array:
+        """The corners in anticlockwise order, (m, 2) [length]."""
+        x = np.array(self.points, dtype=float)
+        after = np.roll(x, -1, axis=0)
+        area = (x[:, 0] * after[:, 1] - after[:, 0] * x[:, 1]).sum()
+        return x[::-1] if area < 0 else x
+
+    @cached_property
     def _edges(self) -> tuple[Array, Array, Array]:
         """Starts, vectors from start to end, and outward unit normals of the edges, (m, 2) each.
 
         The edges are in anticlockwise order.
         """
-        x = np.array(self.points, dtype=float)
-        after = np.roll(x, -1, axis=0)
-        if (x[:, 0] * after[:, 1] - after[:, 0] * x[:, 1]).sum() < 0:
-            x = x[::-1]
-            after = np.roll(x, -1, axis=0)
-        way = after - x
+        x = self.corners
+        way = np.roll(x, -1, axis=0) - x
         normal = np.column_stack([way[:, 1], -way[:, 0]]) / lengths(way)[:, None]
         return x, way, normal
 

@@ -67,7 +67,7 @@ def surface_triangles(
     if isinstance(shape, Box):
         return _box(shape)
     if isinstance(shape, Polygon):
-        return _prism(np.array(shape.points, dtype=float), centre[2], radius)
+        return _prism(shape.corners, centre[2], radius)
     if isinstance(shape, Sphere):
         return _revolved(np.asarray(shape.center), np.eye(3)[2], *_arc(shape.radius, 0.0))
     if isinstance(shape, Capsule | Cylinder):
@@ -120,7 +120,10 @@ def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple
 
 
 def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangles]:
-    """Return points and triangles of a prism's sides over a polygon, z = height +- radius."""
+    """Return points and triangles of a prism's sides, z = height +- radius.
+
+    ``corners`` (m, 2) of the polygon are anticlockwise; then the triangles are outward.
+    """
     m = len(corners)
     ends = [np.column_stack([corners, np.full(m, height + z)]) for z in (-radius, radius)]
     i = np.arange(m)

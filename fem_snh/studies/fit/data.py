@@ -22,7 +22,15 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from fem_snh.errors import BadInput, bad_value, choose, is_number, nearest, nearest_file, shown
+from fem_snh.errors import (
+    BadInput,
+    bad_value,
+    choose,
+    is_number,
+    nearest_file,
+    shown,
+    suggestion_for,
+)
 from fem_snh.files import read_text
 from fem_snh.records.units import stress_unit
 from fem_snh.studies.fit.responses import FREE, MEASURES
@@ -115,7 +123,7 @@ class TestData:
             except (TypeError, ValueError):
                 accepted = "one number, or one for each x"
                 raise bad_value(f"{self.name}: {key}", value, accepted) from None
-            if key in ("stress", "weight") and not has_a_square(array).all():
+            if key in ("stress", "weight") and not is_safe_to_square(array).all():
                 raise bad_value(f"{self.name}: {key}", value, WITH_A_SQUARE)
             object.__setattr__(self, key, array)
         counted = self.weight != 0
@@ -130,7 +138,7 @@ class TestData:
         return 0.0 if self.kind == "simple_shear" else 1.0
 
 
-def has_a_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def is_safe_to_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Return a mask of the numbers that are 0 or of a size from `_LEAST` to its inverse."""
     size = np.abs(np.asarray(value, dtype=np.float64))
     return np.asarray((size == 0) | (size >= _LEAST) & (size <= 1 / _LEAST))
@@ -236,7 +244,7 @@ def read_cells(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
     try:
         text = read_text(built_in or path, encoding="utf-8-sig")
     except FileNotFoundError:
-        suggestion = nearest_file(path) or nearest(path.stem, DATASETS)
+        suggestion = nearest_file(path) or suggestion_for(path.stem, DATASETS)
         raise BadInput(f"data = '{path}': no such file{suggestion}") from None
     except UnicodeDecodeError:
         raise BadInput(f"data = '{path}': expected a text file with columns of numbers") from None
@@ -296,11 +304,11 @@ def _table(
     positions = [position for position, _ in columns.values()]
     text = pd.DataFrame([cells for _, cells in lines], [line for line, _ in lines])
     text = text.reindex(columns=positions).set_axis(list(columns), axis=1)
-    text = text.where(~text.isin(["", "-"]))
+    text = text.where(~text.isin(_NO_VALUE))
     table = text.copy()
     for column in text.columns.drop("test", errors="ignore"):
         table[column] = pd.to_numeric(text[column], errors="coerce").astype(float)
-        bad = text[column].notna() & ~(table[column].notna() & has_a_square(table[column]))
+        bad = text[column].notna() & ~(table[column].notna() & is_safe_to_square(table[column]))
         for line in text.index[bad]:
             raise bad_value(f"line {line}: {column}", text[column][line], WITH_A_SQUARE)
     measures = [column for column in _STRESSES if column in columns]

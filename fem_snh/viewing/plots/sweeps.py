@@ -224,7 +224,7 @@ def front_figure(table: pd.DataFrame, x: str, y: str, path: Path) -> Figure:
     for index, (label, rows) in enumerate(lines.items()):
         rows = rows[["cost", "size"]].sort_values("size", ascending=False)
         draw_series([ax], ["size"], index, label, rows, "cost")
-    best = pd.concat(best_points(rows, "cost", "size") for rows in _problems(lines))
+    best = pd.concat(pareto_front(rows, "cost", "size") for rows in _problems(lines))
     ax.plot(
         best["cost"], best["size"], "o", ms=11, mfc="none", mec="0.2", mew=1.2,
         label="best: no point is both cheaper and more accurate",
@@ -243,7 +243,7 @@ def front_figure(table: pd.DataFrame, x: str, y: str, path: Path) -> Figure:
     return figure
 
 
-def best_points(rows: pd.DataFrame, cost: str, error: str) -> pd.DataFrame:
+def pareto_front(rows: pd.DataFrame, cost: str, error: str) -> pd.DataFrame:
     """Return the Pareto-optimal rows, sorted by cost: none is both cheaper and more accurate."""
     rows = rows.sort_values([cost, error])
     before = np.minimum.accumulate(rows[error].to_numpy())
