@@ -140,7 +140,11 @@ class Kinematics:
             T[..., 2, 2] = 1.0
 
     def set_third_column(self, H: Array) -> None:
-        """Set the last column of H (..., 3, 3), as third_column of kinematics.h does."""
+        """Replace the last column of H = grad u (..., 3, 3), in place, on a body of revolution.
+
+        On entry it is u over the radius, as the tangent of `set_third_tangent` gives it; afterwards
+        it is the derivative along the circumference. `third_column` of kinematics.h does the same.
+        """
         if self.revolved:
             radial = H[..., 0, 2].copy()
             H[..., 0, 2] = -H[..., 2, 2]

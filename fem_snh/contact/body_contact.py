@@ -462,7 +462,10 @@ class SurfacePair(ContactPair):
         return found
 
     def deepest(self, x: Array, search: bool) -> DeepestPoint:
-        """Return the deepest point of either surface, with one grid whatever ``search`` is."""
+        """Return the deepest point of either surface, among quadrature points and grid points.
+
+        Each facet has one grid: ``search`` has no effect (see `ContactPair.deepest`).
+        """
         at, shape, side = self.touching(x), self._surface.shape, self.side
         basis, derivatives = shape.evaluate(facet_grid(shape.kind))
         grid = basis @ x[side.nodes]

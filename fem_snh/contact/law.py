@@ -228,7 +228,10 @@ class ContactLaw:
         self.kept[:], self.kept_factor = self.multipliers, factor
 
     def scale_penalty(self, factor: float) -> bool:
-        """Multiply the penalty stiffness and return True; with multipliers only return False."""
+        """Multiply the penalty stiffness by ``factor`` and return True.
+
+        With an augmented Lagrangian do nothing and return False.
+        """
         if self.augmented:
             return False
         self._given = factor * self._given

@@ -72,7 +72,10 @@ class ContactPair(ABC):
         self.mean_weight = weight
 
     def scale_penalties(self, factor: float) -> bool:
-        """Multiply the penalty stiffness and return True; with multipliers only return False."""
+        """Multiply the penalty stiffness by ``factor`` and return True.
+
+        With an augmented Lagrangian do nothing and return False.
+        """
         return self.law.scale_penalty(factor)
 
     @abstractmethod

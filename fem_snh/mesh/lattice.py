@@ -234,8 +234,8 @@ def cover(grid: Grid, samples: Samples, points: Array) -> Samples:
 def carry(grid: Grid, samples: Samples, parts: Parts, points: Array, triangles: Triangles) -> Skin:
     """Return the skin: the surface, and the lattice cell that contains each point.
 
-    Among several parts in one grid cell, a point belongs to the part with the cube closest to a
-    position half a cube below the surface.
+    If a grid cell has several parts, a point belongs to the part that has the cube (of
+    `Samples.coverage`) closest to the point, moved inwards by half a cube.
 
     Parameters
     ----------

@@ -342,7 +342,9 @@ def components(cells: Array, count: int) -> Array:
 
 
 class Paths:
-    """The paths of nodes along a step: stiff and rigid parts rotate. Collective.
+    """The curved paths of nodes along a step of Newton's method: stiff and rigid parts rotate.
+
+    All methods are collective.
 
     Parameters
     ----------
@@ -352,7 +354,8 @@ class Paths:
     Attributes
     ----------
     exact : bool
-        Whether steps must end on the paths, as straight steps would deform rigid parts.
+        Whether a step must end on its path: a straight step would deform rigid parts. Otherwise a
+        straight step may replace it.
     """
 
     def __init__(self, stiff: StiffParts | None, rigid: RigidParts | None) -> None:

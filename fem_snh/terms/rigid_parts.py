@@ -440,7 +440,11 @@ class RigidParts(Term):
         return self.tree.points[self.names.index(part)]
 
     def velocity(self, x: PETSc.Vec, part: str, twist: Array) -> PETSc.Vec:
-        """Return the velocities of a part's nodes in a twist (6,), zero elsewhere. Collective."""
+        """Return the velocities of a part's nodes at ``x``, zero elsewhere. Collective.
+
+        ``twist`` (6,) is (v, omega) in fixed axes: the velocity of the part's point and the angular
+        velocity.
+        """
         found, basis = x.duplicate(), self._basis(self.poses(x))
         found.set(0.0)
         own = self.labels == self.names.index(part)

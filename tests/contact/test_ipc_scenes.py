@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from barrier_problems import needs_ipctk
 from bodies import cube
+from scipy.optimize import brentq
 from scipy.sparse import random as random_matrix
 
 import fem_snh
@@ -44,6 +45,29 @@ def test_a_body_touches_itself(tmp_path):
     assert "self_contact" in result.record["terms"]
     header = (tmp_path / "clip" / "steps.csv").read_text().splitlines()[0]
     assert "self_contact.pairs" in header and "self_contact.bodies" not in header
+
+
+@needs_ipctk
+def test_the_error_of_the_gap():
+    """Two blocks are one column once the gap is closed: a free uniaxial compression by a tenth."""
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+
+    def stress(side):
+        return material.pk1(np.diag([side, side, 0.9]))
+
+    exact = stress(brentq(lambda side: stress(side)[0, 0], 1.0, 1.2))[2, 2]
+    blocks = {
+        "name": "blocks", "cells": 2, "element": "Q1",
+        "mesh": {"source": "two_blocks", "parameters": {"upper_cells": 2, "gap": 0.01}},
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+        "symmetry": [{"group": group} for group in ("bottom", "left", "front")],
+        "move": [{"group": "top", "components": ["z"], "translate": [0, 0, -0.21]}],
+        "self_contact": {"method": "ipc"}, "accuracy": {"goals": ["top.force.z"]},
+    }  # fmt: skip
+    goal = fem_snh.run(validate(blocks, "blocks")).record["goals"]["top.force.z"]
+    assert abs(goal["value"] / exact - 1) > 0.03
+    assert goal["corrected"] == pytest.approx(exact, rel=5e-3)
+    assert goal["parts"]["penalty"] == pytest.approx(exact - goal["value"], rel=0.1)
 
 
 @needs_ipctk
