@@ -237,7 +237,7 @@ class BlockMatrix:
         """Extend the sparsity pattern if it lacks one of these pairs of nodes. Collective.
 
         The extended matrix is zero. ``mat`` remains the same object: its
-        `fem_snh._petsc.nonzero_state` changes, and tells solvers to set up again.
+        ``nonzero_state`` changes, and tells solvers to set up again.
 
         Parameters
         ----------

@@ -138,7 +138,7 @@ def element(name: str, quadrature: int | None = None, kinematics: Kinematics = S
 def in_kinematics(element: Element, kinematics: Kinematics) -> Element:
     """Return a three-dimensional element, converted to the cells of given kinematics.
 
-    On bodies of revolution the quadrature degree is at least `_LEAST_REVOLVED`.
+    On bodies of revolution the quadrature degree is at least ``_LEAST_REVOLVED``.
     """
     if kinematics.dim == 3:
         return element

@@ -165,7 +165,7 @@ PLANAR = {
 
 
 def kinematics_of(name: str | None) -> Kinematics:
-    """Return the kinematics with this name, one of `PLANAR`; `SOLID` for None."""
+    """Return the kinematics with this name, one of `PLANAR`; ``SOLID`` for None."""
     return PLANAR[name] if name else SOLID
 
 

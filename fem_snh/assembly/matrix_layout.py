@@ -84,7 +84,7 @@ class Received(NamedTuple):
     rows, columns : (n,) int64
         Global block rows and block columns.
     positions : (n,) int64
-        Where the blocks are stored, encoded as `MatrixLayout.block_positions`.
+        Where the blocks are stored, encoded as ``MatrixLayout.block_positions``.
     """
 
     rows: Array

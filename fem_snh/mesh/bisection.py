@@ -218,7 +218,7 @@ def _with_midpoints(
 def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
     """Return the size field with which a new mesh has about the wanted cell volumes.
 
-    The change of sizes is limited (`_GRADIENT`), which makes cells smaller. All sizes are then
+    The change of sizes is limited (``_GRADIENT``), which makes cells smaller. All sizes are then
     multiplied by one factor so that the expected number of cells is as the volumes ask.
 
     Parameters
@@ -246,7 +246,7 @@ def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
 
 
 def _graded(sizes: Array, cells: Array, x: Array) -> Array:
-    """Return the largest sizes <= ``sizes`` whose change along edges `_GRADIENT` limits."""
+    """Return the largest sizes <= ``sizes`` whose change along edges ``_GRADIENT`` limits."""
     pairs = simplex_edges(cells.shape[1])
     edges = np.unique(np.sort(cells[:, pairs].reshape(-1, 2), axis=1), axis=0)
     rise = _GRADIENT * np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)

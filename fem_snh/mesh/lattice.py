@@ -196,7 +196,7 @@ def cover(grid: Grid, samples: Samples, points: Array) -> Samples:
     """Return samples whose cells contain all points of a surface.
 
     Cells filled by less than `SMALLEST_FRACTION` are included, with that fraction, only if they
-    contain a point that is not within `_TOLERANCE` of another cell.
+    contain a point that is not within ``_TOLERANCE`` of another cell.
 
     Parameters
     ----------

@@ -156,7 +156,7 @@ class Definition:
     def _term(self, term: Any, name: str, u: _dolfinx.Function, depends_on_load: bool) -> Any:
         """Return the `UFLTerm` of a form, in ``u``; otherwise ``term`` as it is. Collective.
 
-        It raises BadInput for a `Term` if ``u`` is not the program's displacement.
+        It raises BadInput for a `fem_snh.Term` if ``u`` is not the program's displacement.
         """
         if isinstance(term, ufl.Form):
             form = term if u is self.u else _form_of(term, self.u, u)
@@ -183,7 +183,7 @@ def lifted_problem(problem: Problem, element: Element, start: Any = None) -> Pro
     Raises
     ------
     BadInput
-        On every rank, if the program gave a `Term` object, which belongs to one space.
+        On every rank, if the program gave a `fem_snh.Term` object, which belongs to one space.
     """
     definition, components = problem.definition, problem.kinematics.components
     V = _dolfinx.function_space(problem.domain, element.degree, (components,))

@@ -32,7 +32,7 @@ _LEVEL = 3
 
 
 class ExportedState(NamedTuple):
-    """The fields of a state by name, each with a row per point or per cell of `States.mesh`."""
+    """The fields of a state by name, each with a row per point or per cell of ``States.mesh``."""
 
     point_data: dict[str, Array]
     cell_data: dict[str, Array]

@@ -121,8 +121,8 @@ def inversion(m: Material) -> Stability:
     """Evaluate inversion stability: psi is finite for every F and drives inverted elements back.
 
     The Hessian has to be bounded. Numbers: ``finite``, the fraction of the states `INVERTED` and
-    `DEGENERATE` with finite values; ``growth``, from `growth`; ``force``, from `largest_stress` in
-    units of E, which must be negative.
+    ``DEGENERATE`` with finite values; ``growth``, from `growth`; ``force``, from `largest_stress`
+    in units of E, which must be negative.
     """
     F = diagonal(np.array(INVERTED + DEGENERATE))
     finite = inside(m, F)
