@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import tomllib
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem_snh import cli
+from fem_snh import cli, materials
 
 
 @pytest.mark.one_debian
@@ -37,6 +38,21 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert record["units"] == {"E": "Pa"}
     assert [t["points"] for t in record["tests"]] == [3, 3]
     assert (out / "fit.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(materials, "names", lambda: ["hencky", "neo_hookean", "seth_hill"])
+    assert cli.main(["fit", "--all", "treloar", "--out", str(tmp_path)]) == 0
+    rows = list(csv.DictReader((tmp_path / "ranking.csv").open()))
+    assert [(row["rank"], row["material"]) for row in rows] == [
+        ("1", "neo_hookean"),
+        ("2", "hencky"),
+    ]
+    assert rows[1]["stable_at_data"] == "True"  # Hencky's, at all stretches
+    assert "not fitted: material 'seth_hill'" in capsys.readouterr().out
+    assert (tmp_path / "fit.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_options(tmp_path: Path) -> None:
