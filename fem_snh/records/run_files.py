@@ -164,17 +164,17 @@ def lock_run(
     inputs : iterable of Path
         The files that the run reads.
     overwrite, resume : bool
-        Accept a folder that is not empty.
+        Accept a folder that is not empty; with ``resume`` only one that holds a run.
 
     Raises
     ------
     BadInput
-        If another process writes into the folder, if the folder holds files and neither flag is
-        set, or if the run might replace one of its inputs.
+        If another process writes into the folder, if the folder holds files that neither flag
+        accepts, or if the run might replace one of its inputs.
     """
     lock = FolderLock(folder / LOCK)
     try:
-        if not (overwrite or resume):
+        if not overwrite and not (resume and (folder / "run.json").exists()):
             _check_empty(folder)
         check_inputs(folder, inputs)
     except BadInput:

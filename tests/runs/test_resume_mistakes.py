@@ -99,3 +99,12 @@ def test_nodes_are_matched_by_coordinates():
     assert np.array_equal(nodal_values.match_nodes(nodes, nodes), np.arange(200))
     with pytest.raises(BadInput, match="some nodes have the same coordinates"):
         nodal_values.match_nodes(nodes[order], nodes)
+
+
+@pytest.mark.one_debian
+def test_levels_are_not_resumed_in_a_folder_of_other_files(tmp_path):
+    """Without a run in it, they would begin among files that are none of theirs."""
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(BadInput, match=r"holds files of no run \(notes.txt\)"):
+        fem_snh.run("twist", cells=2, accuracy={"within": 0.2}, out=tmp_path, resume=True)
+    assert [path.name for path in tmp_path.iterdir() if path.name[0] != "."] == ["notes.txt"]

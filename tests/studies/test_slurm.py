@@ -35,8 +35,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 @WITH_SLURM
 def test_nothing_is_lost_and_nothing_runs_twice(cluster: Cluster, tmp_path: Path) -> None:
     """30 points; slurmctld is killed and started again, a job is killed, a node fails."""
-    runs, out = tmp_path / "runs.txt", tmp_path / "out"
-    scene = counted_scene(tmp_path, runs)
+    runs, hold, out = tmp_path / "runs.txt", tmp_path / "hold", tmp_path / "out"
+    scene = counted_scene(tmp_path, runs, hold)
     lines: list[str] = []
 
     def study() -> list[int]:
@@ -48,6 +48,7 @@ def test_nothing_is_lost_and_nothing_runs_twice(cluster: Cluster, tmp_path: Path
     assert study() == [] and len(list((out / "jobs").glob("*.json"))) == 2
 
     wait_for(lambda: runs.exists() and len(runs.read_text().split()) >= 5)
+    hold.touch()  # what runs now still does when it is killed
     cluster.kill_controller()
     with pytest.raises(BadInput, match="nothing is lost"):
         study()
@@ -57,6 +58,8 @@ def test_nothing_is_lost_and_nothing_runs_twice(cluster: Cluster, tmp_path: Path
     wait_for(cluster.running)
     killed = cluster.running()[0]
     cluster.run("scancel", killed)
+    wait_for(lambda: killed not in cluster.running())
+    hold.unlink()
     wait_for(lambda: len(cluster.running()) > 1 or cluster.resume(), 0.5)
     on_node = len(cluster.running())  # these may run a second time
     cluster.run("scontrol", "update", f"nodename={cluster.host}", "state=down", "reason=test")

@@ -167,6 +167,7 @@ def wait_for(condition: Callable[[], Any], interval: float = 0.05) -> None:
 COUNTED = """
 import os
 import time
+from pathlib import Path
 
 from fem_snh import scenes
 
@@ -176,12 +177,17 @@ def counted(number: int = 0):
     with open({runs!r}, "a") as file:
         file.write(f"p{{number}}\\n")
     time.sleep(0.5)
+    while Path({hold!r}).exists():
+        time.sleep(0.05)
     raise ValueError(f"its square is {{number**2}}")
 """
 
 
-def counted_scene(folder: Path, runs: Path) -> str:
-    """Return a scene whose runs are counted in a file; they fail, without a solve."""
+def counted_scene(folder: Path, runs: Path, hold: Path) -> str:
+    """Return a scene whose runs are counted in a file; they fail, without a solve.
+
+    They do not end while the file ``hold`` exists.
+    """
     file = folder / "counted.py"
-    file.write_text(COUNTED.format(runs=str(runs)))
+    file.write_text(COUNTED.format(runs=str(runs), hold=str(hold)))
     return f"{file}:counted"
