@@ -206,7 +206,9 @@ class ContactLaw:
         k = default if pair.stiffness is None else np.full_like(default, pair.stiffness)
         self._given = np.broadcast_to(share * k, weights.shape)
         self.multipliers, self.kept = np.zeros_like(weights), np.zeros_like(weights)
-        ratio = comm.allreduce(np.fmax.reduce((default / k).ravel(), initial=0.0), op=MPI.MAX)
+        # Without a default the given stiffness takes its place.
+        ratios = np.ones(1) if unknown else default / k
+        ratio = comm.allreduce(ratios.max(initial=0.0), op=MPI.MAX)
         self._default, self._largest = max(ratio, 1.0), max(_LARGEST * ratio, 1.0)
         self.kept_factor, self.version = 1.0, 0
         self.begin_step()
