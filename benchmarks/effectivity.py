@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 import fem_snh
-from benchmarks import Row, split_list
-from benchmarks.random_scenes import random_scene
+from benchmarks import Row
+from benchmarks.random_scenes import draw_scenes, goals_of_levels
 from fem_snh.accuracy.goals import vector_of
 
 Array = npt.NDArray[np.float64]
@@ -109,19 +109,15 @@ def rows(
         component.
     """
     found: list[Row] = []
-    for family in split_list(families):
-        for seed in range(first, first + count):
-            scene, goals = random_scene(family, seed)
-            accuracy = {"goals": goals, "within": within, "max_time": max_time}
-            try:
-                result = fem_snh.run(scene, accuracy=accuracy, progress=False)
-            except fem_snh.BadInput as reason:
-                yield {"family": family, "seed": seed, "failed": str(reason)}
-                continue
-            levels = [level["goals"] for level in result.record["accuracy"]["levels"]]
-            for row in compared([goals for goals in levels if goals]):
-                found.append({"family": family, "seed": seed} | row)
-                yield found[-1]
+    for about, scene, goals in draw_scenes(families, first, count):
+        try:
+            levels = goals_of_levels(scene, goals, within, max_time)
+        except fem_snh.BadInput as reason:
+            yield about | {"failed": str(reason)}
+            continue
+        for row in compared([known for known in levels if known]):
+            found.append(about | row)
+            yield found[-1]
     yield _summary(found)
 
 
@@ -143,24 +139,14 @@ def compared(levels: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
             if largest <= max(_KNOWN * left.max(), _LEAST * scale):
                 continue
             here = measured(*(levels[max(k - 2, 0) : k + 1] for levels in (values, errors)))
-            square = float(errors[k] @ errors[k])
-            yield {
-                "goal": vector,
-                "level": k + 1,
-                "estimate": largest / scale,
-                "theta": here.theta,
-                "effectivity": float((true - values[k]) @ errors[k]) / square,
-                **{
-                    rule: {
-                        "over": float(((np.abs(corrected - true) - left) / bound).max()),
-                        "bound": float(bound.max() / scale),
-                    }
-                    for rule, corrected, bound in (
-                        ("today", values[k] + errors[k], bounds[k]),
-                        ("measured", here.corrected, here.bounds),
-                    )
-                },
-            }
+            exact = np.array([values[k], true]), np.array([errors[k], np.zeros_like(true)])
+            rules = {"today": (values[k] + errors[k], bounds[k]), "measured": here[1:]}
+            row: Row = {"goal": vector, "level": k + 1, "estimate": float(largest / scale)}
+            row |= {"theta": here.theta, "effectivity": effectivity(*exact)}
+            for rule, (corrected, bound) in rules.items():
+                over = ((np.abs(corrected - true) - left) / bound).max()
+                row[rule] = {"over": float(over), "bound": float(bound.max() / scale)}
+            yield row
 
 
 def _summary(found: Sequence[Row]) -> Row:

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import fem_snh
 from benchmarks import Row, split_list
-from benchmarks.random_scenes import random_scene
+from benchmarks.random_scenes import draw_scenes, goals_of_levels
 from fem_snh.accuracy.goals import vector_of
-from fem_snh.scenes import Scene
 
 #: Differences below this part of a value are rounding: prescribed displacements have no error.
 _ROUNDING = 1e-12
@@ -67,21 +66,19 @@ def rows(
     """
     found: list[_Error] = []
     scenes = 0
-    for family in split_list(families):
-        for seed in range(first, first + count):
-            scene, goals = random_scene(family, seed)
-            about = {"family": family, "seed": seed, "scene": scene.name, "element": scene.element}
-            try:
-                coarse, fine = (
-                    _goals(scene, goals, within, max_time) for within in (share, share / finer)
-                )
-            except fem_snh.BadInput as reason:
-                yield about | {"failed": str(reason), "ok": False}
-                continue
-            errors = _errors(coarse, fine, share, 2 / finer)
-            found += errors
-            scenes += bool(errors)
-            yield about | _summary(errors, share)
+    for about, scene, goals in draw_scenes(families, first, count):
+        try:
+            coarse, fine = (
+                goals_of_levels(scene, goals, within, max_time)[-1]
+                for within in (share, share / finer)
+            )
+        except fem_snh.BadInput as reason:
+            yield about | {"failed": str(reason), "ok": False}
+            continue
+        errors = _errors(coarse, fine, share, 2 / finer)
+        found += errors
+        scenes += bool(errors)
+        yield about | _summary(errors, share)
     yield {"summary": count * len(split_list(families)), "compared": scenes} | _summary(
         found, share
     )
@@ -117,10 +114,3 @@ def _summary(errors: list[_Error], share: float) -> Row:
         "beyond": beyond,
         "ok": largest is None or largest <= share,
     }
-
-
-def _goals(scene: Scene, goals: list[str], within: float, max_time: float) -> dict[str, Any]:
-    accuracy = {"goals": goals, "within": within, "max_time": max_time}
-    result = fem_snh.run(scene, accuracy=accuracy, progress=False)
-    known: dict[str, Any] = result.record["accuracy"]["levels"][-1]["goals"]
-    return known

@@ -5,11 +5,13 @@ Each is small: a run to 1 % takes seconds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from random import Random
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import fem_snh
+from benchmarks import Row, split_list
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import choose
 from fem_snh.scenes import Scene
@@ -408,6 +410,25 @@ FAMILIES: Mapping[str, Callable[[Random], Drawn]] = MappingProxyType(
         for family in (plane, solid, revolved, contrast, supported, moving, rubbing)
     }
 )
+
+
+def draw_scenes(families: str, first: int, count: int) -> Iterator[tuple[Row, Scene, list[str]]]:
+    """Yield family, seed and element, the scene and its goals: ``count`` of each family.
+
+    ``families`` is a comma list, ``first`` the first seed.
+    """
+    for family in split_list(families):
+        for seed in range(first, first + count):
+            scene, goals = random_scene(family, seed)
+            about = {"family": family, "seed": seed, "scene": scene.name, "element": scene.element}
+            yield about, scene, goals
+
+
+def goals_of_levels(scene: Scene, goals: list[str], within: float, max_time: float) -> list[Row]:
+    """Return the goals of each level of a run to an accuracy, as run.json has them."""
+    accuracy = {"goals": goals, "within": within, "max_time": max_time}
+    result = fem_snh.run(scene, accuracy=accuracy, progress=False)
+    return [level["goals"] for level in result.record["accuracy"]["levels"]]
 
 
 def random_scene(family: str, seed: int) -> Drawn:
