@@ -83,7 +83,7 @@ def _timed_updates() -> list[float]:
         finally:
             seconds.append(perf_counter() - start)
 
-    CoarseMatrix.update = timed  # type: ignore[method-assign]
+    CoarseMatrix.update = timed  # type: ignore[method-assign]  # the method, timed
     return seconds
 
 

@@ -164,7 +164,8 @@ def lock_run(
     inputs : iterable of Path
         The files that the run reads.
     overwrite, resume : bool
-        Accept a folder that is not empty; with ``resume`` only one that holds a run.
+        Accept a folder that is not empty; with ``resume`` only one that holds a run, or nothing but
+        files that a run wrote before it was killed.
 
     Raises
     ------
@@ -174,8 +175,8 @@ def lock_run(
     """
     lock = FolderLock(folder / LOCK)
     try:
-        if not overwrite and not (resume and (folder / "run.json").exists()):
-            _check_empty(folder)
+        if not overwrite:
+            _check_files(folder, resume)
         check_inputs(folder, inputs)
     except BadInput:
         lock.release()
@@ -184,25 +185,30 @@ def lock_run(
     return lock
 
 
-def _check_empty(folder: Path) -> None:
-    """Raise BadInput if a folder holds a run, or any other file that is not hidden."""
-    if (folder / "run.json").exists():
+def _check_files(folder: Path, resume: bool) -> None:
+    """Raise BadInput if a folder holds a run that is not resumed, or files of no run."""
+    holds_run = (folder / "run.json").exists()
+    if holds_run and not resume:
         raise BadInput(
             f"{folder} already holds a run: give --overwrite or another --out, "
             "or continue it with --resume"
         )
-    if others := list_others(folder):
+    if not holds_run and (others := list_others(folder, is_run_file if resume else None)):
         raise BadInput(
             f"out = {folder}: holds files of no run ({others}): expected an empty folder, or "
             "--overwrite, which removes only files of names that a run writes"
         )
 
 
-def list_others(folder: Path) -> str:
-    """Return the first names in a folder that are not hidden, with commas between; or ""."""
+def list_others(folder: Path, is_known: Callable[[str], bool] | None = None) -> str:
+    """Return the first names in a folder that are not hidden, with commas between; or "".
+
+    Names for which ``is_known`` is true are left out.
+    """
     if not folder.is_dir():
         return ""
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+    names = [name for name in names if not (is_known and is_known(name))]
     return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
 
 

@@ -240,7 +240,7 @@ def present(value: Any) -> npt.NDArray[np.float64]:
     if not is_expression(value):
         return np.asarray(value, dtype=float)
     constants = [c for c in traverse_unique_terminals(value) if isinstance(c, ufl.Constant)]
-    numbers = {c: np.asarray(c.value) for c in constants}  # type: ignore[attr-defined]
+    numbers = {c: np.asarray(c.value) for c in constants}  # type: ignore[attr-defined]  # dolfinx
     found = np.empty(value.ufl_shape)
     for index in np.ndindex(found.shape):
         found[index] = value((), numbers, index)

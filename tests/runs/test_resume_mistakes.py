@@ -108,3 +108,12 @@ def test_levels_are_not_resumed_in_a_folder_of_other_files(tmp_path):
     with pytest.raises(BadInput, match=r"holds files of no run \(notes.txt\)"):
         fem_snh.run("twist", cells=2, accuracy={"within": 0.2}, out=tmp_path, resume=True)
     assert [path.name for path in tmp_path.iterdir() if path.name[0] != "."] == ["notes.txt"]
+
+
+@pytest.mark.one_debian
+def test_levels_begin_again_after_a_run_that_was_killed_before_its_record(tmp_path):
+    """Its fields are written before run.json."""
+    (tmp_path / "fields.pvd").write_text("")
+    accuracy = {"goals": ["energy"], "within": 0.2}
+    result = fem_snh.run("twist", cells=2, accuracy=accuracy, out=tmp_path, resume=True)
+    assert result.converged and (tmp_path / "levels.npz").exists()
