@@ -5,7 +5,8 @@ With the value v and the estimate e of a goal on two levels, the measured effect
     theta = (v_k - v_(k-1)) . (e_(k-1) - e_k) / |e_(k-1) - e_k|^2,
 
 with the components of a vector together. If all levels miss the same part, v + theta e is exact.
-The rule that is compared with today's bounds has two constants: `_SATURATION` and `_OF_VECTOR`.
+The rule that is compared with today's bounds has three constants: `_SATURATION`, `_OF_VECTOR` and
+`_SLOWEST`.
 """
 
 from __future__ import annotations
