@@ -65,7 +65,7 @@ def rows(scenes: str = "swing,bounce", within: float = 0.01, exact: bool = True)
 def _truth(name: str, goal: str, last: Any) -> Row:
     """Return a reference with its uncertainty, and the error of the last level against it."""
     exact, uncertain = _bounce_reference() if name == "bounce" else _swing_reference(last)
-    best = last["goals"][goal]["best"]
+    best = last["goals"][goal]["corrected"]
     return {
         "exact": exact,
         "exact_error": uncertain / abs(exact),

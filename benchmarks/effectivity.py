@@ -1,84 +1,25 @@
-"""Which bounds would two levels measure? The change of a value over the change of its estimate.
+"""Do bounds hold on each level, and how far from 1 are effectivities? Random scenes tell.
 
-With the value v and the estimate e of a goal on two levels, the measured effectivity is
-
-    theta = (v_k - v_(k-1)) . (e_(k-1) - e_k) / |e_(k-1) - e_k|^2,
-
-with the components of a vector together. If all levels miss the same part, v + theta e is exact.
-The rule that is compared with today's bounds has three constants: `_SATURATION`, `_OF_VECTOR` and
-`_SLOWEST`.
+The values and the estimates of all levels of a run are compared with those of its last level, where
+that is known ten times better (`fem_snh.accuracy.effectivity`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import fem_snh
 from benchmarks import Row
 from benchmarks.random_scenes import draw_scenes, goals_of_levels
-from fem_snh.accuracy.goals import vector_of
+from fem_snh.accuracy.effectivity import effectivity
+from fem_snh.problem.goals import vector_of
 
-Array = npt.NDArray[np.float64]
-
-#: The better element is taken to have at most a third of the error of the run's: then the error is
-#: 0.75 to 1.5 times the estimate, and half of the estimate bounds what it misses.
-_SATURATION = 1 / 3
-#: Least bound of a component over the largest estimate of its vector, in the units of that bound:
-#: the estimate of a component that changes its sign is small by chance.
-_OF_VECTOR = 0.2
-#: Largest ratio of two estimates with which a change that they do not explain is extrapolated.
-_SLOWEST = 0.8
-#: Levels are compared whose estimate is so many times what the last level may miss; and is this
+#: Levels are compared whose error is so many times what the last level may miss; and is this
 #: part of the value.
 _KNOWN, _LEAST = 10.0, 1e-5
-
-
-class Measured(NamedTuple):
-    """The effectivity of a vector's estimate, its corrected components and their bounds."""
-
-    theta: float
-    corrected: Array
-    bounds: Array
-
-
-def measured(values: Array, errors: Array) -> Measured:
-    """Return what two or three levels say of a vector on the last one.
-
-    An effectivity from 0.5 to 1.5 confirms the estimate. If one is outside, the middle of both is
-    taken; if the two last ones are, on the same side, the measured one. Both bounds are the
-    difference of measured and estimated error. What the change of a vector has that is not
-    parallel to that of the estimate decreases as the estimate does, and is added.
-
-    Parameters
-    ----------
-    values, errors : (levels, n) array
-        The components, and what their estimates add to them, from coarse to fine.
-    """
-    missed = _SATURATION / (1 - _SATURATION)
-    thetas = [effectivity(values[k - 1 :], errors[k - 1 :]) for k in range(1, len(values))]
-    theta, factor = thetas[-1], 1.0
-    if abs(theta - 1) > missed:
-        again = len(thetas) > 1 and abs(thetas[-2] - 1) > missed
-        confirmed = again and (theta > 1) == (thetas[-2] > 1)
-        factor, missed = theta if confirmed else (1 + theta) / 2, abs(theta - 1)
-    sizes = np.abs(errors[-1])
-    largest, largest_before = sizes.max(), np.abs(errors[-2]).max()
-    ratio = min(largest / largest_before, _SLOWEST) if largest_before else 0.0
-    rest = values[-1] - values[-2] - theta * (errors[-2] - errors[-1])
-    bounds = missed * np.maximum(sizes, _OF_VECTOR * largest)
-    bounds += np.abs(rest).max() * ratio / (1 - ratio)
-    return Measured(theta, values[-1] + factor * errors[-1], bounds)
-
-
-def effectivity(values: Array, errors: Array) -> float:
-    """Return the measured effectivity of the first two levels; 1 if the estimate is the same."""
-    change, predicted = values[1] - values[0], errors[0] - errors[1]
-    square = float(predicted @ predicted)
-    return float(change @ predicted) / square if square else 1.0
 
 
 def rows(
@@ -105,9 +46,9 @@ def rows(
     ------
     dict
         ``theta``, measured by this level and the one before; ``effectivity``, the true error over
-        the estimate; for both rules ``over``, the largest true error of a component over its bound,
-        less the bound of the last level, and ``bound``, the largest bound over the largest
-        component.
+        the estimate; ``over``, the largest true error of a component over its bound, less the bound
+        of the last level; ``bound`` and ``error``, the largest ones over the largest component;
+        ``confirmed``, whether the effectivity confirms the estimate.
     """
     found: list[Row] = []
     for about, scene, goals in draw_scenes(families, first, count):
@@ -124,42 +65,51 @@ def rows(
 
 def compared(levels: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
     """Yield the rows of a run, from the goals of its levels as run.json has them."""
-    if len(levels) < 3:
-        return
-    for vector in dict.fromkeys(map(vector_of, levels[-1])):
+    for vector in dict.fromkeys(map(vector_of, levels[-1])) if len(levels) > 2 else ():
         names = [name for name in levels[-1] if vector_of(name) == vector]
         of_vector = [goals for goals in levels if set(names) <= set(goals)]
-        values, errors, bounds = (
+        values, corrected, bounds = (
             np.array([[goals[name][key] or 0.0 for name in names] for goals in of_vector])
-            for key in ("value", "error", "uncertainty")
+            for key in ("value", "corrected", "bound")
         )
-        true = values[-1] + errors[-1]
-        scale, left = np.abs(true).max(), bounds[-1]
+        true, left = corrected[-1], bounds[-1]
+        scale = np.abs(true).max()
         for k in range(1, len(of_vector) - 1):
-            largest = np.abs(errors[k]).max()
-            if largest <= max(_KNOWN * left.max(), _LEAST * scale):
+            goal, error = of_vector[k][names[0]], np.abs(corrected[k] - true)
+            largest = np.abs(values[k] - true).max()
+            if largest <= max(_KNOWN * left.max(), _LEAST * scale) or not bounds[k].all():
                 continue
-            here = measured(*(levels[max(k - 2, 0) : k + 1] for levels in (values, errors)))
-            exact = np.array([values[k], true]), np.array([errors[k], np.zeros_like(true)])
-            rules = {"today": (values[k] + errors[k], bounds[k]), "measured": here[1:]}
-            row: Row = {"goal": vector, "level": k + 1, "estimate": float(largest / scale)}
-            row |= {"theta": here.theta, "effectivity": effectivity(*exact)}
-            for rule, (corrected, bound) in rules.items():
-                over = ((np.abs(corrected - true) - left) / bound).max()
-                row[rule] = {"over": float(over), "bound": float(bound.max() / scale)}
-            yield row
+            mesh = np.array([_of_mesh(of_vector[k][name]) for name in names])
+            estimates = mesh / goal["factor"] if goal["factor"] else 0 * true
+            exact = np.array([corrected[k] - mesh, true]), np.array([estimates, 0 * true])
+            yield {
+                "goal": vector,
+                "level": k + 1,
+                "theta": goal["theta"],
+                "effectivity": effectivity(*exact),
+                "over": float(((error - left) / bounds[k]).max()),
+                "bound": float(bounds[k].max() / scale),
+                "error": float(error.max() / scale),
+                "confirmed": goal["confirmed"],
+            }
+
+
+def _of_mesh(goal: Mapping[str, Any]) -> float:
+    """Return the part of the mesh in an error."""
+    return float(goal["parts"].get("mesh", 0.0) if "parts" in goal else goal["error"])
 
 
 def _summary(found: Sequence[Row]) -> Row:
     """Return how many vectors are beyond their bounds, and the medians of the bounds."""
     row: Row = {"summary": len(found)}
-    for rule in ("today", "measured"):
-        over = np.array([entry[rule]["over"] for entry in found])
-        bounds = [entry[rule]["bound"] for entry in found]
-        row[rule] = {
+    for name, rows_ in (("all", found), ("confirmed", [r for r in found if r["confirmed"]])):
+        over = np.array([entry["over"] for entry in rows_])
+        row[name] = {
+            "vectors": len(rows_),
             "beyond": int((over > 1).sum()),
             "beyond_twice": int((over > 2).sum()),
             "worst": float(over.max(initial=0.0)),
-            "median_bound": float(np.median(bounds)) if bounds else None,
+            "median_bound": float(np.median([r["bound"] for r in rows_])) if rows_ else None,
+            "median_error": float(np.median([r["error"] for r in rows_])) if rows_ else None,
         }
     return row

@@ -104,8 +104,8 @@ def compared(
 ) -> Iterator[Row]:
     """Yield the rows of a scene's goals whose exact values are known.
 
-    Errors below a part ``least`` of the goal's scale are left out. Rows have a ``bound`` over the
-    true error where no more than a bound is printed.
+    Errors below a part ``least`` of the goal's scale are left out. The ``bound`` is that of the
+    corrected value, over the true error of the value.
     """
     result = fem_snh.run(scene, progress=False)
     reason = result.record.get("estimate", {}).get("reason") or ""
@@ -117,16 +117,13 @@ def compared(
     for name, goal in (result.estimate.goals if result.estimate else {}).items():
         true = exact_goals.get(name, nan)
         error = true - goal.value
-        if isnan(true) or abs(error) < least * goal.scale or goal.error is None:
+        if isnan(true) or abs(error) < least * goal.scale or goal.estimate is None:
             continue
-        row = about | {"goal": name, "value": goal.value, "error": goal.error, "exact": true}
+        row = about | {"goal": name, "value": goal.value, "error": goal.estimate, "exact": true}
         row["true_error"] = abs(error / goal.scale)
         if goal.bound is not None:
             row["bound"] = goal.bound / abs(error)
-        if goal.error == 0:  # a bound alone
-            yield row
-            continue
-        effectivity, left = goal.error / error, abs(goal.value + goal.error - true)
+        effectivity, left = goal.estimate / error, abs(goal.value + goal.estimate - true)
         yield row | {
             "effectivity": effectivity,
             "gain": abs(error) / left if left else None,

@@ -10,9 +10,9 @@ from mpi4py import MPI
 from benchmarks import Row, split_list
 from fem_snh import solver
 from fem_snh._petsc import default_options
-from fem_snh.accuracy.state_notes import REPLACEMENTS, locking_note, may_lock, pressure_oscillation
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.state_notes import REPLACEMENTS, locking_note, may_lock, pressure_oscillation
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.scenes import load
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import fem_snh
 from benchmarks import Row, split_list
 from benchmarks.random_scenes import draw_scenes, goals_of_levels
-from fem_snh.accuracy.goals import vector_of
+from fem_snh.problem.goals import vector_of
 
 #: Differences below this part of a value are rounding: prescribed displacements have no error.
 _ROUNDING = 1e-12
@@ -90,17 +90,17 @@ def _errors(
     """Return the true errors of goals that are within a share, and known to a part of the bound."""
     sizes: dict[str, float] = {}
     for name, goal in fine.items():
-        sizes[vector_of(name)] = max(sizes.get(vector_of(name), 0.0), abs(goal["best"]))
+        sizes[vector_of(name)] = max(sizes.get(vector_of(name), 0.0), abs(goal["corrected"]))
     errors = []
     for name, goal in coarse.items():
         exact = fine.get(name)
-        if not exact or goal["relative"] > share:
+        if not exact or None in (goal["bound"], exact["bound"]) or goal["within"] > share:
             continue
-        left, size = exact["uncertainty"], sizes[vector_of(name)]
-        if left > known * goal["uncertainty"] or not size:
+        left, size = exact["bound"], sizes[vector_of(name)]
+        if left > known * goal["bound"] or not size:
             continue
-        error = max(abs(goal["best"] - exact["best"]) - _ROUNDING * size, 0.0)
-        errors.append(_Error(name, error / size, (error - left) / goal["uncertainty"]))
+        error = max(abs(goal["corrected"] - exact["corrected"]) - _ROUNDING * size, 0.0)
+        errors.append(_Error(name, error / size, (error - left) / goal["bound"]))
     return errors
 
 

@@ -94,7 +94,7 @@ def adaptive(scene: Scene, goal: str, share: float, true: float, max_time: float
     }
     if goal not in last["goals"] or isnan(true):
         return row | {"true_error": None, "reason": last["reason"]}
-    return row | {"true_error": abs(last["goals"][goal]["best"] / true - 1)}
+    return row | {"true_error": abs(last["goals"][goal]["corrected"] / true - 1)}
 
 
 def _uniform(name: str, case: Case, elements: list[str], timeout: float) -> list[Row]:

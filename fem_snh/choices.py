@@ -79,3 +79,6 @@ DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
 #: The same maximum in a trust region with sparse factors, where a Newton step costs as much as
 #: a few L-BFGS iterations (measured: python -m benchmarks slender).
 FACTORS_LBFGS_MAX_IT = 150
+
+#: Loads of different paths are the same if they are rounded to so many digits.
+LOAD_DIGITS = 9

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
-from fem_snh.accuracy.state_notes import program_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.definition import check_lists, define
 from fem_snh.problem.free_motions import SupportsCheck
+from fem_snh.problem.state_notes import program_notes
 from fem_snh.program_results import estimate_error, modes, reaction, reaction_moment
 from fem_snh.records.run_record import Note
 from fem_snh.solver.options import GivenOptions

@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy import estimate, path_errors
-from fem_snh.accuracy.program_goals import program_goals
 from fem_snh.problem import modes as vibrations
 from fem_snh.problem import reactions
 from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.problem import check_converged
+from fem_snh.problem.program_goals import program_goals
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
@@ -70,14 +70,18 @@ def estimate_error(problem: NonlinearProblem, goals: Mapping[str, Any] | Sequenc
     Examples
     --------
     >>> print(problem.estimate_error({"corner": [48, 60, 0.5], "pull": bcs[1]}))
-    corner.y 6.631, error +0.266 (4.0 %), corrected 6.897
+    corner.y 6.631, estimated error +0.266 (4.0 %), corrected 6.897
     """
     discrete = problem._problem
     check_converged(problem.reason, "estimate_error")
     found = program_goals(discrete, goals)
     if problem._path:
-        return path_errors.estimate_on_path(discrete, problem._path, found)
-    return estimate.estimate_error(discrete, partial(lifted_problem, discrete), found)
+        known = path_errors.estimate_on_path(discrete, problem._path, found)
+    else:
+        known = estimate.estimate_error(discrete, partial(lifted_problem, discrete), found)
+    if not known.reason:
+        known.left_out.append(estimate.without_bounds("a program has one mesh"))
+    return known
 
 
 def modes(

@@ -10,15 +10,11 @@ the parts of degree 2 and 3 in each cell, of squares
 with the nodal interpolations I_k of degree k. Their ratio gives the cell's :math:`\beta`, and so
 the sum of all further parts. The estimate is multiplied by the sum of the parts from degree 3 on,
 over all cells, divided by that of degree 3.
-
-The part of an error that penalties have shows in the run's own element: the state is followed to
-stiffer penalties; then it is restored.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import log
@@ -28,13 +24,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx, solver
+from fem_snh import _dolfinx
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
-from fem_snh.accuracy.goals import Goal, bind_all, names_of
 from fem_snh.accuracy.lift import Lift
-from fem_snh.accuracy.state_notes import is_at_rest
 from fem_snh.assembly.unknowns import local_values
+from fem_snh.problem.goals import Goal, names_of, slices_of
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.state_notes import is_at_rest
 
 Array = npt.NDArray[np.float64]
 
@@ -204,11 +200,9 @@ def scales_of(estimate: Estimate, goals: Sequence[Goal]) -> Array:
 
 def largest_components(goals: Sequence[Goal], values: Array) -> Array:
     """Return for each scalar the largest size of a component of its goal, (scalars,)."""
-    largest, first = np.zeros(len(values)), 0
-    for goal in goals:
-        components = slice(first, first + len(goal.names))
+    largest = np.zeros(len(values))
+    for components in slices_of(goals):
         largest[components] = np.abs(values[components]).max()
-        first = components.stop
     return largest
 
 
@@ -296,192 +290,3 @@ def _gradients(
         reference = np.einsum("jpk,cki->cpij", basis, values, optimize=True)
         gradients.append(reference @ inverse)
     return volumes, gradients
-
-
-#: Prefix of its solver's options: those of the run are for its load steps.
-PREFIX = f"{solver.PREFIX}penalty_"
-#: Factor of the stiffness. The error is c/k: from k to 4 k it loses three quarters, which is more
-#: than what Newton's method leaves, and the state is near enough for a few iterations.
-STIFFER = 4.0
-#: A first change that is larger than this part of the goal is followed by that of still stiffer
-#: penalties, whose ratio shows how the error decreases: not as c/k where they yield much, or where
-#: pairs of surfaces change. They are made stiffer until this part of the goal is left, or so many
-#: times.
-_SMALL_CHANGE, _LITTLE_LEFT, _MOST_STIFFER = 0.01, 0.02, 8
-#: A part of penalties that is more than this, relative to a goal, or than the error that is asked
-#: for, is found in the lifted problem: on few facets all of it may be the run's element's own.
-_YIELDS = 0.05
-#: Part of what penalties change that is unsettled where surfaces of the body touch each other: the
-#: pairs change, and stiffer penalties may find another state. Measured with self-contact; a term
-#: with ``unsettled_penalty`` has its own.
-_OF_PAIRS = 0.35
-#: Where surfaces of the body touch each other, components beside the largest one of a vector are
-#: unsettled by this multiple of what penalties change of them, or by this part of the most that
-#: they change in the vector, if that is less. With 100 times the stiffness the components of the
-#: force between two bodies change by another amount than was found, by up to 1.6 times that and
-#: 0.29 of the most.
-_BESIDE, _OF_MOST = 2.0, 0.35
-#: Largest ratio of two changes that is believed.
-_SLOWEST = 0.8
-
-
-def penalty_errors(
-    problem: Problem,
-    goals: Sequence[Goal],
-    scales: Array,
-    outcome: solver.StepOutcome,
-) -> Array | None:
-    """Return what goals would change by without penalties; None if there are none. Collective.
-
-    The problem and its state are unchanged.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem at its solution.
-    goals : sequence of Goal
-        The goals.
-    scales : (goals,) array
-        What their errors are relative to.
-    outcome : StepOutcome
-        Counts the iterations.
-
-    Raises
-    ------
-    NoEstimate
-        If no equilibrium with a larger stiffness is found, or the goals do not settle.
-    """
-    if not problem.scale_penalties(STIFFER):
-        return None
-    problem.scale_penalties(1 / STIFFER)
-    present = 1.0
-
-    def stiffened(factor: float) -> Array:
-        nonlocal present
-        problem.scale_penalties(factor / present)
-        present = factor
-        found = _goals_after(problem, snes, goals, outcome)
-        if found is None:
-            raise NoEstimate(
-                f"no equilibrium of {problem.element.name} was found with {factor:g} times the "
-                f"stiffness of the penalties ({outcome.reason} after {outcome.newton} Newton "
-                "iterations)"
-            )
-        return found
-
-    with _solver(problem) as snes:
-        try:
-            values = bind_all(goals, problem)()
-            # What the run's tolerance left is no part of what penalties change.
-            snes.getPythonContext().force_iteration = True
-            further = _goals_after(problem, snes, goals, outcome)
-            return without_penalties(values if further is None else further, scales, stiffened)
-        finally:
-            problem.scale_penalties(1 / present)
-
-
-def without_penalties(
-    values: Array, scales: Array, stiffened: Callable[[float], Array], verify: bool = True
-) -> Array:
-    """Return what goals would change by without penalties.
-
-    To first order in the inverse stiffness, from one at which that is small.
-
-    Parameters
-    ----------
-    values, scales : (goals,) array
-        The goals, and what their errors are relative to.
-    stiffened : callable
-        Returns the goals with penalties so many times stiffer than the run's.
-    verify : bool
-        Whether a first change that is not small is followed by another one, even if little is left.
-
-    Raises
-    ------
-    NoEstimate
-        If the goals do not settle.
-    """
-    last, factor, change = values, 1.0, np.zeros_like(values)
-    for repeated in range(_MOST_STIFFER):
-        factor *= STIFFER
-        before, earlier, last = last, change, stiffened(factor)
-        change = last - before
-        ratio = np.full_like(values, 1 / STIFFER)
-        np.divide(change, earlier, out=ratio, where=earlier != 0)
-        ratio = np.clip(ratio, 1 / STIFFER, _SLOWEST)
-        left = change * ratio / (1 - ratio)
-        sizes = np.maximum(scales, np.abs(last))
-        first = verify and not repeated and (np.abs(change) > _SMALL_CHANGE * sizes).any()
-        if not first and (np.abs(left) <= _LITTLE_LEFT * sizes).all():
-            return np.asarray(last - values + left)
-    raise NoEstimate(f"goals still change with penalties that are {factor:,.0f} times stiffer")
-
-
-def penalty_part(values: Array, stiff: Array) -> Array:
-    """Return what goals would change by without penalties, from those with `STIFFER` ones."""
-    return (stiff - values) * STIFFER / (STIFFER - 1)
-
-
-def yield_much(penalties: Array, scales: Array, asked: float) -> bool:
-    """Return whether penalties are a part of the error that the better element has to confirm.
-
-    Parameters
-    ----------
-    penalties, scales : (goals,) array
-        The part that is added for penalties, and what errors are relative to.
-    asked : float
-        The relative error that is asked for; 0: none is.
-    """
-    most = min(asked or _YIELDS, _YIELDS)
-    relative = np.abs(penalties[scales > 0]) / scales[scales > 0]
-    return bool(relative.max(initial=0.0) > most)
-
-
-def unsettled_penalties(
-    problem: Problem, goals: Sequence[Goal], values: Array, penalties: Array
-) -> Array:
-    """Return the uncertainty of each goal's correction for penalties, (goals,).
-
-    It is zero if no surfaces of the body touch.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    goals : sequence of Goal
-        The goals.
-    values, penalties : (goals,) array
-        Values of the goals, and the corrections that are added for penalties.
-    """
-    if not problem.coupling_terms:
-        return np.zeros(len(values))
-    sizes, changes = np.abs(values), np.abs(penalties)
-    parts = [term.unsettled_penalty or _OF_PAIRS for term in problem.coupling_terms]
-    unsettled = max(parts) * changes
-    beside = np.minimum(_BESIDE * changes, _OF_MOST * largest_components(goals, changes))
-    is_smaller = sizes < largest_components(goals, sizes)
-    return np.where(is_smaller, np.maximum(unsettled, beside), unsettled)
-
-
-def _goals_after(
-    problem: Problem, snes: PETSc.SNES, goals: Sequence[Goal], outcome: solver.StepOutcome
-) -> Array | None:
-    """Return the goals of a further solve; None if it fails. Collective."""
-    solver.solve_until_settled(problem, snes, outcome)
-    if not outcome.converged:
-        return None
-    problem.split(problem.x)
-    return bind_all(goals, problem)()
-
-
-@contextmanager
-def _solver(problem: Problem) -> Iterator[PETSc.SNES]:
-    """Yield another solver of a problem, whose state is restored at the end. Collective."""
-    snes = solver.create(problem, prefix=PREFIX)
-    start = problem.x.copy()
-    try:
-        yield snes
-    finally:
-        solver.destroy(snes)
-        start.copy(problem.x)
-        problem.split(problem.x)

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from math import hypot, inf
+from math import inf
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.cross_points import check_cross_points
+from fem_snh import _dolfinx
 from fem_snh.accuracy.differences import (
     Differences,
     LiftedGoals,
-    penalty_errors,
     saturation,
     scales_of,
-    unsettled_penalties,
-    yield_much,
 )
-from fem_snh.accuracy.goal_bounds import add_what_is_missed
+from fem_snh.accuracy.effectivity import MISSED, OF_VECTOR
 from fem_snh.accuracy.goal_errors import (
-    BEGINS,
     NO_CONTACT,
-    SMALL_FORCE,
     Estimate,
     GoalError,
     NoEstimate,
@@ -35,7 +30,6 @@ from fem_snh.accuracy.goal_errors import (
     check_problem,
     check_shapes,
 )
-from fem_snh.accuracy.goals import Goal, PointGoal, TermGoal, names_of
 from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
@@ -47,22 +41,21 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.state_notes import is_at_rest, may_lock
+from fem_snh.accuracy.penalties import penalty_errors
 from fem_snh.assembly.elements import Element
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
 from fem_snh.errors import in_words
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
+from fem_snh.problem.goals import Goal, StressGoal, TermGoal, names_of
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.state_notes import is_at_rest, may_lock
 from fem_snh.solver import StepOutcome
 
 Array = npt.NDArray[np.float64]
-#: Parts of the errors of goals by their source, (goals,) arrays.
-Parts = dict[str, Array]
-
-#: Goals are relative to the largest component of the same vector, or to this part of the largest
-#: displacement or force, if that is more.
+#: Goals are relative to the largest component of their vector that was asked for, or to this part
+#: of the largest displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
 #: Errors below this part of the goal are not located, as their indicators are sums that cancel; nor
 #: those below this part of what is asked for.
@@ -121,7 +114,6 @@ def estimate_error(
         What the estimate is for.
     """
     with estimating(problem, goals, mesh) as estimate:
-        check_cross_points(problem)
         check_problem(problem)
         check_shapes(problem)
         element = next(lifted_elements(problem))
@@ -162,10 +154,7 @@ def estimating(
         faces = mesh.round_faces if mesh else None
         faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
         estimate.left_out += filter(None, [faces.text])
-        estimate.of_curved = faces.added + faces.removed if faces.degree == 2 else 0.0
-        _mark_small_forces(goals, estimate)
         _add_narrow_contacts(problem, estimate)
-        add_what_is_missed(estimate, problem.element.degree, problem.kinematics.dim)
     except NoEstimate as reason:
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
@@ -174,6 +163,11 @@ def estimating(
     _mark_forces_without_contact(problem, goals, estimate)
     estimate.jit = watch.jit
     estimate.seconds = watch.seconds + estimate.jit
+
+
+def without_bounds(why: str) -> str:
+    """Return the line that estimates have no bound."""
+    return f"estimates have no bound, which another mesh measures: {why}"
 
 
 def announce_cost(
@@ -198,12 +192,12 @@ def announce_cost(
 
 
 def _add_narrow_contacts(problem: Problem, estimate: Estimate) -> None:
-    """Add the obstacles whose contact is narrower than a cell, and a line. Collective."""
+    """Add a line on obstacles whose contact is narrower than a cell. Collective."""
     u = problem.split(problem.x)[0]
     terms = [term for term in problem.terms if isinstance(term, ObstacleContact)]
-    estimate.narrow = [name for term in terms for name in term.narrow(u)]
-    if estimate.narrow:
-        names = in_words(f"'{name}'" for name in estimate.narrow)
+    narrow = [name for term in terms for name in term.narrow(u)]
+    if narrow:
+        names = in_words(f"'{name}'" for name in narrow)
         estimate.left_out.append(
             f"the contact with {names} is narrower than a cell: finer ones may find another one"
         )
@@ -215,11 +209,12 @@ def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalEr
     vectors, at_rest = [goal.bind(problem)() for goal in goals], is_at_rest(problem)
     for goal, vector in zip(goals, vectors, strict=True):
         unit = goal.unit(problem)
-        scale = max(*map(abs, vector), _LEAST_SCALE * unit)
+        asked = [v for n, v in zip(goal.names, vector, strict=True) if n not in goal.unasked]
+        scale = max(*map(abs, asked), _LEAST_SCALE * unit)
         if at_rest and (unit > 0 or goal.kind == "energy"):
             scale = inf  # a multiple of rounding has no relative error
-        pairs = zip(goal.names, vector, strict=True)
-        errors |= {name: GoalError(value, None, scale) for name, value in pairs}
+        for name, value in zip(goal.names, vector, strict=True):
+            errors[name] = GoalError(value, None, scale, asked=name not in goal.unasked)
     return errors
 
 
@@ -228,27 +223,13 @@ def _mark_forces_without_contact(
 ) -> None:
     """Remove the errors of forces of contact where neither solution touches. Collective."""
     for goal in goals:
-        if not isinstance(goal, TermGoal):
+        if not isinstance(goal, TermGoal) or goal.names[0] in estimate.loads:
             continue
         errors = {name: estimate.goals[name] for name in goal.names}
         if all(error.is_zero for error in errors.values()) and goal.is_without_contact(problem):
             for name, known in errors.items():
-                estimate.goals[name] = GoalError(known.value, None, known.scale, reason=NO_CONTACT)
-
-
-def _mark_small_forces(goals: Sequence[Goal], estimate: Estimate) -> None:
-    """Give a reason to forces of contact that are small beside others, and beside their errors."""
-    forces = [goal for goal in goals if goal.is_force]
-    sizes = [abs(estimate.goals[name].value) for name in names_of(forces)]
-    for goal in forces:
-        errors = [estimate.goals[name] for name in goal.names]
-        if not isinstance(goal, TermGoal) or None in (e.error for e in errors):
-            continue
-        size = hypot(*(e.error or 0.0 for e in errors))
-        corrected = hypot(*(e.corrected or 0.0 for e in errors))
-        if size > hypot(*(e.value for e in errors)) and corrected < SMALL_FORCE * max(sizes):
-            for name, error in zip(goal.names, errors, strict=True):
-                estimate.goals[name] = replace(error, reason=BEGINS)
+                unknown = GoalError(known.value, None, known.scale, asked=known.asked)
+                estimate.goals[name] = replace(unknown, reason=NO_CONTACT)
 
 
 class _LiftedErrors:
@@ -275,57 +256,27 @@ class _LiftedErrors:
         lifted = create_lifted(problem, make)
         estimate.element = lifted.element.name
         self._given = goals
-        #: The parts of the errors that are not of the mesh.
-        self._parts = Parts()
         outcome = StepOutcome()
-        penalties = penalty_errors(problem, goals, scales_of(estimate, goals), outcome)
-        if penalties is not None:
-            self._parts["penalty"] = penalties
+        #: The part of the errors that penalties have, and what that may miss; None without any.
+        self._penalties = penalty_errors(problem, goals, scales_of(estimate, goals), outcome)
         estimate.penalty_newton = outcome.newton
         self.lift = Lift(problem, lifted)
         self._goals = LiftedGoals(self.lift, goals, estimate)
 
     def add(self) -> None:
         """Add the errors to the estimate; raise NoEstimate if there are none."""
-        estimate, options, goals = self._estimate, self._options, self._goals
-        differences = goals.differences(options.asked)
+        estimate, options = self._estimate, self._options
+        differences = self._goals.differences(options.asked)
         estimate.may_be_unstable = self.lift.check_stability(options.stability)
         mesh = differences + self._missed(differences)
-        changes = np.zeros(len(goals.values))
-        if (penalties := self._parts.get("penalty")) is not None:
-            further = unsettled_penalties(self._problem, self._given, goals.values, penalties)
-            scales = self._scales_of_penalties()
-            if yield_much(penalties, scales, options.asked):
-                self._parts["penalty"] = self._lifted_penalties(scales)
-                changes = np.abs(self._parts["penalty"] - penalties)
-            mesh = replace(mesh, unsettled=mesh.unsettled + further)
-        self._set_errors(self._given, mesh, self._parts)
-        for name, change in zip(names_of(self._given), changes, strict=True):
-            estimate.goals[name] = replace(estimate.goals[name], penalty_change=float(change))
-        self._add_largest()
-        _mark_small_forces(self._given, estimate)  # those that do not count are not located
+        parts = {"mesh": (mesh.values, MISSED * np.abs(mesh.values))}
+        if self._penalties is not None:
+            parts["penalty"] = self._penalties
+        set_parts(estimate, self._given, parts, mesh.unsettled)
+        self._set_least()
         if chosen := self._located():
             estimate.indicators = self._mesh_indicators(differences, mesh, chosen)
         estimate.linear = self.lift.linear
-
-    def _scales_of_penalties(self) -> Array:
-        """Return what errors are relative to, of forces at least a part of the largest one."""
-        scales = self._goals.scales
-        forces = np.array([goal.is_force for goal in self._given for _ in goal.names], bool)
-        least = SMALL_FORCE * scales[forces].max(initial=0.0)
-        return np.where(forces, np.maximum(scales, least), scales)
-
-    def _lifted_penalties(self, scales: Array) -> Array:
-        """Return what goals would change by without penalties, in the lifted problem.
-
-        Contact that yields much, on few facets, has another part without a penalty there.
-        """
-        outcome, goals = StepOutcome(), self._goals
-        found = penalty_errors(self.lift.lifted, goals.goals, scales, outcome)
-        self.lift.forget_hessian()
-        self._estimate.penalty_newton += outcome.newton
-        assert found is not None  # the run's problem has penalties
-        return found
 
     def _missed(self, differences: Differences) -> Differences:
         """Return what the lifted solution misses of the errors, from the decay of its own degrees.
@@ -350,36 +301,27 @@ class _LiftedErrors:
         between = differences.values - in_middle.values
         return Differences(between, differences.unsettled + in_middle.unsettled).scaled(factor)
 
-    def _set_errors(self, goals: Sequence[Goal], mesh: Differences, others: Parts) -> None:
-        """Set the errors of some goals: the sums of their parts."""
-        for i, name in enumerate(names_of(goals)):
-            parts = {"mesh": float(mesh.values[i])}
-            parts |= {source: float(part[i]) for source, part in others.items() if part[i]}
-            self._estimate.goals[name] = replace(
-                self._estimate.goals[name],
-                error=sum(parts.values()),
-                unsettled=float(mesh.unsettled[i]),
-                parts=parts if len(parts) > 1 else {},
-            )
+    def _set_least(self) -> None:
+        """Set the least bounds: of displacements from the field, which is one vector; of stresses.
 
-    def _add_largest(self) -> None:
-        """Add the largest error of a displacement in the body to those of points.
-
-        With a request for an accuracy also the mean of the size of the error to the stress around a
-        point. With one pressure per cell the lifted displacement varies inside of cells, on any
-        mesh: then it is no measure of those of points.
+        Errors of a stress on two sides of a point cancel in its mean. The field's errors are those
+        at vertices: inside of cells the lifted displacement varies on any mesh.
         """
-        lift, goals, factor = self.lift, self._estimate.goals, self._estimate.saturation
-        unknowns = lift.lifted.owned_displacements
-        changes = lift.lifted.x.array_r[:unknowns] - lift.start.array_r[:unknowns]
-        on_rank = float(np.abs(changes).max(initial=0.0))
-        largest = factor * lift.lifted.comm.allreduce(on_rank, op=MPI.MAX)
+        lift, lifted, known = self.lift, self.lift.lifted, self._estimate.goals
+        change = (lifted.x.array_r - lift.start.array_r)[: lifted.owned_displacements]
+        nodes = change.reshape(-1, lifted.kinematics.components)
+        corners = _dolfinx.cell_vertices(lifted.domain).shape[1]
+        vertices = np.unique(_dolfinx.node_dofs(lifted.V)[:, :corners])
+        sizes = np.abs(nodes[vertices[vertices < len(nodes)]])
+        largest = lifted.comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX)
         for goal in self._given:
-            if isinstance(goal, PointGoal) and lift.lifted.element.volume != "mean":
-                goals |= {name: replace(goals[name], of_body=largest) for name in goal.names}
-            elif self._options.asked and (size_of_change := getattr(goal, "size_of_change", None)):
-                size = factor * size_of_change(lift.lifted, lift.start)
-                goals |= {name: replace(goals[name], of_size=size) for name in goal.names}
+            size = 0.0
+            if goal.kind == "displacement":
+                size = largest
+            elif isinstance(goal, StressGoal):
+                size = goal.size_of_change(lifted, lift.start)
+            least = OF_VECTOR * MISSED * self._estimate.saturation * size
+            known |= {name: replace(known[name], least=least) for name in goal.names}
 
     def _located(self) -> list[str]:
         """Return the goals whose errors are distributed to the cells."""
@@ -389,11 +331,11 @@ class _LiftedErrors:
         names = [
             name
             for name, goal in goals.items()
-            if goal.is_found and abs(goal.error or 0.0) > least * goal.scale
+            if goal.asked and goal.scale > 0 and abs(goal.of_mesh) > least * goal.scale
         ]
         if self._options.locate_all or not names:
             return names
-        return [max(names, key=lambda name: abs(goals[name].error or 0.0) / goals[name].scale)]
+        return [max(names, key=lambda name: abs(goals[name].estimate or 0.0) / goals[name].scale)]
 
     def _mesh_indicators(
         self, errors: Differences, mesh: Differences, chosen: Collection[str]
@@ -412,6 +354,36 @@ class _LiftedErrors:
         factors = dict(zip(names_of(self._given), ratios, strict=True))
         cells = cell_indicators(self.lift, self._given, chosen.__contains__)
         return {name: factors[name] * values for name, values in cells.items()}
+
+
+def set_parts(
+    estimate: Estimate,
+    goals: Sequence[Goal],
+    parts: Mapping[str, tuple[Array, Array]],
+    unsettled: Array | None = None,
+) -> None:
+    """Set the estimates of goals: the sums of their parts.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The estimate, which has the goals' values.
+    goals : sequence of Goal
+        The goals.
+    parts : mapping of two arrays
+        The parts (goals,) by their source, and what each may miss.
+    unsettled : (goals,) array, optional
+        What further iterations would change.
+    """
+    for i, name in enumerate(names_of(goals)):
+        known = {source: float(part[i]) for source, (part, _) in parts.items() if part[i]}
+        missed = {source: float(bound[i]) for source, (_, bound) in parts.items() if bound[i]}
+        if unsettled is not None and unsettled[i]:
+            missed["algebra"] = float(unsettled[i])
+        total = sum(known.values())
+        estimate.goals[name] = replace(
+            estimate.goals[name], estimate=total, parts=known, missed=missed
+        )
 
 
 def locks(problem: Problem, lifted: Element) -> bool:

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from itertools import chain
-from math import floor, hypot, log10
+from math import floor, inf, log10, nan
 from operator import or_
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.goals import vector_of
+from fem_snh.accuracy.effectivity import measure
 from fem_snh.errors import in_words
+from fem_snh.problem.goals import vector_of
 from fem_snh.problem.problem import Problem
 
-#: An estimate is printed as a bound if more than this part of it is unsettled.
-UNSETTLED = 0.2
 #: Components below this part of their vector are not printed: the solvers leave that much.
 _SHOWN = 1e-5
+#: An effectivity is confirmed by that of the level before: three levels have two.
+_MOST_LEVELS = 3
 #: The parts of an error that are those of steps.
-STEPS = TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
+TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
 #: Why a force of contact has no estimate where neither solution touches.
 NO_CONTACT = "nothing touches on these cells, but finer ones may"
-#: Why a force of contact is uncertain that is smaller than its error and than this part of the
-#: largest force: contact begins at a few nodes, and each finer mesh may have several times as much.
-BEGINS, SMALL_FORCE = "it only begins to touch, and on finer cells may touch more", 0.1
+#: Errors of forces that nobody named are relative to at least this part of the largest force.
+SMALL_FORCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -66,101 +66,127 @@ class Place:
 
 @dataclass(frozen=True)
 class GoalError:
-    """A goal of a solution with the estimate of its error.
+    """A goal of a solution with its error.
 
     Attributes
     ----------
     value : float
         The goal of the run.
-    error : float or None
-        The estimate of what is to be added to it; None: no estimate.
+    estimate : float or None
+        What its discretisation says is to be added to it; None: nothing.
     scale : float
         The largest size of a component of the same vector, and at least a thousandth of the largest
         displacement or force.
-    unsettled : float
-        By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source: mesh, penalty, time or load steps; empty if there
-        is one source, the mesh.
-    steps_bound : float
-        A bound of the error of time or load steps; infinite where none is known.
-    mesh_bound, penalty_bound : float
-        In time, bounds of what shorter steps change of the parts of the mesh and of penalties.
-    penalty_change : float
-        By how much the lifted problem has another part of penalties than the run's element, where
-        both are known.
-    missed : float
-        Of an error of several parts, what they may miss in all.
-    of_body : float
-        Of a displacement of a point, the estimate of the largest error of one in the body.
-    of_size : float
-        Of the stress around a point, the estimate of the mean of the size of its error there.
-    of_path : float
-        In time, the largest part of the mesh in the last half of the motion.
+        The parts of the estimate by their source: mesh, penalty, time or load steps.
+    missed : dict of float
+        What each part may miss; that of "algebra" is what further iterations would change.
+    bound : float or None
+        The bound of the error of `corrected`; None: unknown, as one level alone has no bound.
+    theta : float
+        The effectivity of the part of the mesh that two levels measured; NaN without two.
+    factor : float
+        Of the estimate's part of the mesh, in the error.
+    confirmed : bool
+        Whether the effectivity confirms the estimate.
+    change : float
+        Of the value, from the level before.
+    small : bool
+        Whether `scale` is a part of that of a larger force.
+    least : float
+        The least bound: of a displacement from the largest error of one in the body.
+    asked : bool
+        Whether it was asked for, and does not only complete a vector.
     reason : str
         Why this goal has no estimate, where others may have one, or an uncertain one.
     """
 
     value: float
-    error: float | None = None
+    estimate: float | None = None
     scale: float = 0.0
-    unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
-    steps_bound: float = 0.0
-    mesh_bound: float = 0.0
-    penalty_bound: float = 0.0
-    penalty_change: float = 0.0
-    missed: float = 0.0
-    of_body: float = 0.0
-    of_size: float = 0.0
-    of_path: float = 0.0
+    missed: dict[str, float] = field(default_factory=dict)
+    bound: float | None = None
+    theta: float = nan
+    factor: float = 1.0
+    confirmed: bool = True
+    change: float = 0.0
+    small: bool = False
+    least: float = 0.0
+    asked: bool = True
     reason: str = ""
 
     @property
+    def error(self) -> float | None:
+        """What is to be added to the value; None without an estimate."""
+        return None if self.estimate is None else self.of_others + self.factor * self.of_mesh
+
+    @property
+    def of_mesh(self) -> float:
+        """The part of the estimate that another mesh measures."""
+        return self.parts.get("mesh", 0.0)
+
+    @property
+    def of_others(self) -> float:
+        """The parts that are measured on this mesh, by steps and stiffnesses."""
+        return (self.estimate or 0.0) - self.of_mesh
+
+    @property
+    def parts_of_error(self) -> dict[str, float]:
+        """The parts of the error by their source."""
+        return self.parts | ({"mesh": self.factor * self.of_mesh} if self.of_mesh else {})
+
+    @property
     def corrected(self) -> float | None:
-        """The value with the estimate added."""
+        """The value with the error added."""
         return None if self.error is None else self.value + self.error
 
     @property
     def relative(self) -> float | None:
-        """The size of the estimate over that of the value; None for a value that is rounding."""
+        """The size of the error over that of the value; None for a value that is rounding."""
         if self.error is None or abs(self.value) <= _SHOWN * self.scale:
             return None
         return abs(self.error / self.value)
 
     @property
-    def is_found(self) -> bool:
-        """Whether an estimate says more than a bound.
+    def within(self) -> float:
+        """The bound over the scale; infinite without a bound."""
+        if self.bound is None:
+            return inf
+        return self.bound / self.scale if self.scale > 0 else 0.0
 
-        No more than a fifth of it, `UNSETTLED`, is unsettled, and its parts do not cancel: they may
-        miss no more than it is.
+    def is_within(self, asked: float) -> bool:
+        """Return whether the bound is within a request.
+
+        Where the estimate is not confirmed, the correction and the last change count in full.
         """
-        size = abs(self.error or 0.0)
-        return size * UNSETTLED >= self.unsettled and size >= self.missed
+        doubt = 0.0 if self.confirmed else abs(self.error or 0.0) + abs(self.change)
+        return self.within <= asked and (self.bound or 0.0) + doubt <= asked * self.scale
+
+    def contribution(self, source: str) -> float:
+        """Return what a part of the error adds to the bound, over the scale.
+
+        What levels measured beside what the parts may miss is added to that of the mesh.
+        """
+        part = self.missed.get(source, 0.0)
+        if source == "mesh" and self.bound is not None:
+            part += max(self.bound - self.all_missed, 0.0)
+        return part / self.scale if self.scale > 0 else 0.0
+
+    @property
+    def all_missed(self) -> float:
+        """What the parts of the estimate may miss in all."""
+        return sum(self.missed.values())
+
+    def missed_of_mesh(self, coarser: GoalError, left: float) -> float:
+        """Return what the part of the mesh may miss, at least what is ``left`` of a coarser one."""
+        return max(self.missed.get("mesh", 0.0), left * coarser.missed.get("mesh", 0.0))
 
     @property
     def is_zero(self) -> bool:
         """Whether value and estimate are rounding beside the other components."""
         limit = _SHOWN * self.scale
         return abs(self.value) <= limit and abs(self.error or 0.0) <= limit
-
-    @property
-    def bound(self) -> float | None:
-        """The bound of the error where there is no more than one; else None."""
-        if self.error is None:
-            return None
-        if self.is_found and not bounded_steps(self.parts, self.steps_bound):
-            return None
-        if not self.parts:
-            return abs(self.error) + self.unsettled
-        sizes = {source: abs(part) for source, part in self.parts.items()}
-        on_path = [sizes.pop(source) for source in STEPS if source in sizes]
-        if on_path:  # what is unsettled are the bounds
-            sizes["mesh"] = max(sizes.get("mesh", 0.0), self.of_path)
-            unsettled = max(*on_path, self.steps_bound) + self.mesh_bound + self.penalty_bound
-        else:
-            unsettled = self.unsettled
-        return sum(sizes.values()) + unsettled + self.missed
 
     def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""
@@ -169,29 +195,61 @@ class GoalError:
             "error": self.error,
             "relative": self.relative,
             "corrected": self.corrected,
-            **({"bound": self.bound} if self.bound is not None else {}),
-            **({"parts": self.parts} if self.parts else {}),
+            "bound": self.bound,
+            **({} if self.bound is None else self._measured),
+            **({"parts": self.parts_of_error} if len(self.parts) > 1 else {}),
             **({"reason": self.reason} if self.reason else {}),
         }
 
+    @property
+    def _measured(self) -> dict[str, Any]:
+        """What two levels measured, for run.json."""
+        keys = "within", "theta", "factor", "confirmed"
+        return {key: getattr(self, key) for key in keys}
+
     def text(self, name: str) -> str:
-        """Return one line, "corner.y 6.631, error +0.267 (4.0 %), corrected 6.898"."""
+        """Return one line, "corner.y 6.631, error +0.267 +- 0.1 (4.0 %), corrected 6.898".
+
+        Of one level alone it is an estimate, without a bound.
+        """
         if self.error is None:
             reason = f": {self.reason}" if self.reason else ""
             return f"{name} {self.value:.6g}, no estimate{reason}"
-        parts = parts_text(self.parts, self.steps_bound)
-        of = f": {parts}" if parts else ""
-        if not self.is_found:
-            bound = self._bound_text(self.bound or 0.0)
-            cancel = self.missed > abs(self.error)
-            of = of if cancel or bounded_steps(self.parts, self.steps_bound) else ""
-            return f"{name} {self.value:.6g}, error below {bound}{of}"
+        known = self.all_missed if self.bound is None else self.bound
+        if known > abs(self.error):
+            what = "error below" if self.bound is not None else "estimated error below"
+            return f"{name} {self.value:.6g}, {what} {self._share(abs(self.error) + known)}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
-        but = f"; {self.reason}" if self.reason else ""
-        return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}{but}"
+        of = f": {text}" if (text := self.parts_text) else ""
+        if self.reason:
+            corrected += f"; {self.reason}"
+        what, bound = "estimated error", ""
+        if self.bound is not None:
+            what, bound = "error", f" +- {self.bound:.2g}"
+        known_as = f"{what} {self.error:+.3g}{bound}{share}{of}"
+        return f"{name} {value}, {known_as}, corrected {corrected}"
 
-    def _bound_text(self, bound: float) -> str:
+    def line(self, name: str, asked: float) -> str:
+        """Return the line of a goal on a level, "corner.y 6.898 +- 0.02 (0.29 %) (corrected)"."""
+        if self.bound is None or self.corrected is None:
+            return f"  {self.text(name)}"
+        which = " (corrected)" if self.error else ""
+        mark = "" if self.is_within(asked) else "  not yet"
+        share = f"{100 * self.within:.2g} %"
+        if self.small:
+            share += f" of {SMALL_FORCE:g} of the largest force"
+        of = f"  ({text})" if (text := self.parts_text) else ""
+        return f"  {name} {self.corrected:.6g} +- {self.bound:.2g} ({share}){which}{mark}{of}"
+
+    @property
+    def parts_text(self) -> str:
+        """The parts of an error, "time steps +0.00015, mesh -0.0052"; "" for one."""
+        if len(self.parts) < 2:
+            return ""
+        return ", ".join(f"{s} {part:+.2g}" for s, part in self.parts_of_error.items())
+
+    def _share(self, bound: float) -> str:
         """Return a bound in per cent of the value; as it is if the value is not larger than it."""
         if abs(self.value) <= max(bound, _SHOWN * self.scale):
             return f"{bound:.2g}"
@@ -201,23 +259,6 @@ class GoalError:
 def no_contact_text(force: str) -> str:
     """Return the line of a force of contact without an estimate."""
     return f"{force} 0, no estimate: {NO_CONTACT}"
-
-
-def bounded_steps(parts: Mapping[str, float], steps_bound: float) -> str:
-    """Return the steps whose error has a bound alone; "" where it has an estimate, or is zero."""
-    return next((s for s in STEPS if parts.get(s) == 0 and steps_bound > 0), "")
-
-
-def parts_text(parts: Mapping[str, float], steps_bound: float) -> str:
-    """Return the parts of an error, "time steps +0.00015, mesh -0.0052"; "" without any.
-
-    Where the error of steps has no estimate, which is then zero, its bound is shown.
-    """
-    bounded = bounded_steps(parts, steps_bound)
-    return ", ".join(
-        f"{source} below {steps_bound:.2g}" if source == bounded else f"{source} {part:+.2g}"
-        for source, part in parts.items()
-    )
 
 
 def _shown(value: float, error: float) -> str:
@@ -231,6 +272,67 @@ def _shown(value: float, error: float) -> str:
 def _share(part: float) -> str:
     """Return a part in per cent with two digits; above 1 as a multiple."""
     return f"{100 * part:#.2g}".rstrip(".") + " %" if part < 1 else f"{part:.3g} times"
+
+
+def with_bounds(
+    goals: Mapping[str, GoalError], coarser: Sequence[Mapping[str, GoalError]], left: float
+) -> dict[str, GoalError]:
+    """Return goals with the bounds that they and the same on coarser levels measure.
+
+    Vectors that the level before does not have, or has no estimate of, have no bound.
+
+    Parameters
+    ----------
+    goals : mapping of GoalError
+        The goals of a level.
+    coarser : sequence of mapping
+        Those of the levels before, the coarsest first.
+    left : float
+        The part of the last one's error of the mesh that smooth solutions would leave: an estimate
+        below it is small by chance.
+    """
+    found = dict(goals)
+    vectors: dict[str, list[str]] = {}
+    for name in goals:
+        vectors.setdefault(vector_of(name), []).append(name)
+    for names in vectors.values():
+        levels = [goals]
+        for level in coarser[:-_MOST_LEVELS:-1]:
+            if any(name not in level or level[name].estimate is None for name in names):
+                break
+            levels.insert(0, level)
+        if len(levels) == 1 or any(goals[name].estimate is None for name in names):
+            continue
+        known = [[level[name] for name in names] for level in levels]
+        values = np.array([[goal.value + goal.of_others for goal in level] for level in known])
+        estimates = np.array([[goal.of_mesh for goal in level] for level in known])
+        missed = np.array([goals[n].missed_of_mesh(levels[-2][n], left) for n in names])
+        theta, factor, bounds, confirmed = measure(values, estimates, missed)
+        for name, bound in zip(names, bounds, strict=True):
+            goal = replace(goals[name], theta=theta, factor=factor, confirmed=confirmed)
+            others = goal.all_missed - goal.missed.get("mesh", 0.0)
+            found[name] = _bounded(goal, max(float(bound), goal.least) + others, levels[-2][name])
+    return found
+
+
+def _bounded(goal: GoalError, bound: float, coarser: GoalError) -> GoalError:
+    """Return a goal with a bound: at least its change from a coarser level that contradicts it."""
+    corrected = goal.corrected or 0.0
+    if coarser.bound is not None and coarser.corrected is not None:
+        change = abs(corrected - coarser.corrected)
+        bound = max(bound, change) if change > bound + coarser.bound else bound
+    scale, since = max(goal.scale, abs(corrected)), goal.value - coarser.value
+    return replace(goal, bound=bound, scale=scale, change=since)
+
+
+def with_scales_of_forces(goals: Mapping[str, GoalError]) -> dict[str, GoalError]:
+    """Return goals of which small forces are relative to a part of the largest one."""
+    forces = [name for name in goals if vector_of(name).endswith(".force")]
+    least = SMALL_FORCE * max((goals[name].scale for name in forces), default=0.0)
+    small = {
+        n: replace(goals[n], scale=least, small=True) for n in forces if goals[n].scale < least
+    }
+    return dict(goals) | small
 
 
 #: Numbers of an `Estimate` of which the sum counts at several loads; of others the largest does.
@@ -263,9 +365,8 @@ class Estimate:
         The Newton iterations with stiffer penalties.
     again : int
         The steps in which the path is followed again; 0 where the end does not depend on it.
-    seconds, jit, repeated : float
-        Elapsed time, the part of it that compiled kernels, elements and forms, and that in which
-        errors were found again, as the steps were too long.
+    seconds, jit : float
+        Elapsed time, and the part of it that compiled kernels, elements and forms.
     indicators : dict of arrays
         The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
     places : dict of Place
@@ -274,12 +375,10 @@ class Estimate:
         Whether the stability of the lifted equilibrium matters, and is unknown.
     left_out : list of str
         What the errors do not include, or what was not measured for them: a line each.
-    narrow : list of str
-        The obstacles whose contact is narrower than a cell.
-    of_curved : float
-        What edges of degree 2 leave out of round faces, over the volume of the mesh.
     loads : dict of float
         The loads of goals that are not those of the end.
+    duration : float or None
+        The time [s] at load 1; None in statics.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -296,14 +395,12 @@ class Estimate:
     again: int = 0
     seconds: float = 0.0
     jit: float = 0.0
-    repeated: float = 0.0
     indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
     places: dict[str, Place] = field(default_factory=dict)
     may_be_unstable: bool = False
     left_out: list[str] = field(default_factory=list)
-    narrow: list[str] = field(default_factory=list)
-    of_curved: float = 0.0
     loads: dict[str, float] = field(default_factory=dict)
+    duration: float | None = None
 
     @classmethod
     def merged(cls, estimates: Mapping[float, Estimate], names: Sequence[str]) -> Estimate:
@@ -316,16 +413,24 @@ class Estimate:
                 combined[key] = {name: tables[name] for name in names if name in tables}
             elif isinstance(values[0], list):
                 combined[key] = list(dict.fromkeys(chain(*values)))
-            elif isinstance(values[0], str):
-                combined[key] = next(filter(None, values), "")
+            elif values[0] is None or isinstance(values[0], str):
+                combined[key] = next(filter(None, values), values[0])
             else:
                 combined[key] = sum(values) if key in _SUMS else max(values)
         combined["loads"] = {n: load for load, e in estimates.items() if load < 1 for n in e.goals}
         return cls(**combined)
 
+    @property
+    def asked(self) -> dict[str, GoalError]:
+        """The goals that were asked for, by name."""
+        return {name: goal for name, goal in self.goals.items() if goal.asked}
+
     def label(self, name: str) -> str:
         """Return what the line of a goal begins with: its name, and its load if not the end."""
-        return f"{name} at load {self.loads[name]:.6g}" if name in self.loads else name
+        if (load := self.loads.get(name)) is None:
+            return name
+        at = f"load {load:.6g}" if self.duration is None else f"time {load * self.duration:.6g} s"
+        return f"{name} at {at}"
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
@@ -340,7 +445,7 @@ class Estimate:
         """Return what is printed: a line for each goal, or why there is no estimate."""
         if self.reason:
             return [f"no estimate of the error: {self.reason}"]
-        shown = {name: goal for name, goal in self.goals.items() if not goal.is_zero}
+        shown = {name: goal for name, goal in self.asked.items() if not goal.is_zero}
         lines = [goal.text(self.label(name)) for name, goal in shown.items()]
         return [*lines, *map(no_contact_text, self._open), *self.remarks]
 
@@ -362,17 +467,8 @@ class Estimate:
 
     @property
     def untouched(self) -> dict[str, str]:
-        """The lines of forces of contact by name: nothing touches, or only begins to."""
-        found = {name: no_contact_text(name) for name in self._open}
-        sizes: dict[str, list[GoalError]] = {}
-        for name, goal in self.goals.items():
-            if goal.reason == BEGINS:
-                sizes.setdefault(vector_of(name), []).append(goal)
-        for name, goals in sizes.items():
-            here = hypot(*(goal.value for goal in goals))
-            better = hypot(*(goal.value + (goal.error or 0.0) for goal in goals))
-            found[name] = f"{name} {here:.3g}, of the better element {better:.3g}: {BEGINS}"
-        return found
+        """The lines of forces of contact by name, as nothing touches."""
+        return {name: no_contact_text(name) for name in self._open}
 
     @property
     def _where(self) -> str:
@@ -417,11 +513,6 @@ class StepsTooLong(NoEstimate):
 
 class NoEstimateOnAnyMesh(NoEstimate):
     """There is none for a reason that a finer mesh does not change."""
-
-
-def depends_on_path(problem: Problem) -> bool:
-    """Return whether a state depends on those before it: in time, with friction. Collective."""
-    return problem.motion is not None or problem.history.is_kept(problem.comm)
 
 
 def check_shapes(problem: Problem) -> None:

@@ -1,12 +1,12 @@
 """Decide on the levels of a run to a required accuracy: when it ends, and how fine the next is.
 
-A goal is within the request if a bound of the error of its corrected value is, which is what the
-estimate may miss (`fem_snh.accuracy.goal_bounds`).
+A goal is within the request if the bound of the error of its corrected value is, which two levels
+measure (`fem_snh.accuracy.effectivity`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import ceil, inf, log
 from typing import Any
@@ -14,38 +14,32 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.goal_bounds import GoalLevel, bounded_goals
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
-    SMALL_FORCE,
     TIME_STEPS,
     Estimate,
-    parts_text,
+    GoalError,
+    with_bounds,
+    with_scales_of_forces,
 )
-from fem_snh.accuracy.goals import vector_of
+from fem_snh.accuracy.refinement import left_by_uniform
+from fem_snh.problem.goals import vector_of
 
 Array = npt.NDArray[Any]
 
 #: Largest factors by which the time steps of a level are shorter, and its penalties stiffer: with
 #: more, it finds no equilibrium from the state of the last.
 _MOST_SHORTER, _MOST_STIFFER = 4.0, 10.0
-#: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
-#: degree 1 decreases as h to h^2.
-_ORDER = {1: 1.2, 2: 1.5}
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
 _MOST_WITHOUT = 3
-#: What edges of degree 2 may leave out of the body, over the accuracy: the force of a cylinder of 3
-#: cells across, of which they leave out 1.2 %, was 1 % off, and known to 0.085 % without this.
-_OF_CURVED = 0.25
-#: Factors between the sizes of cells of two levels, least and most.
-_LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
+#: Factors between the sizes of cells of two levels: least and most; and to measure an estimate, by
+#: the dimension, with about four times the cells.
+_LEAST_REFINEMENT, _MOST_REFINEMENT, _TO_MEASURE = 1.3, 2.0, {2: 2.0, 3: 1.5}
 #: An error decreases if it is at most this part of that of the level before: with half the size of
 #: the cells the error at a crack is a half.
 _DECREASES = 0.8
-#: The error that the next level aims at, over the request: of errors up to so many times the
-#: request it may be larger, as even the order of a crack, 1, reduces them to the request. With 0.7
-#: the forecast of the bracket's fourth level at 0.1 % was twice what it needs, 565,686 unknowns.
-_AIM, _NEAR, _AIM_OF_NEAR = 0.7, 1.5, 0.85
+#: The error that the next level aims at, over the request.
+_AIM = 0.7
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: within a load step friction acts along a chord.
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
@@ -125,12 +119,15 @@ class LevelRow:
         What they are: "time" or "load".
     estimate : Estimate
         The errors.
-    goals : dict of GoalLevel
-        The goals that count, with bounds; empty if one of them has no estimate.
+    goals : dict of GoalError
+        The goals that count, with bounds from the second level on; empty if one has no estimate.
     reason : str
         Why one has none.
-    steps_have_no_order : bool
-        Whether that is as the changes of a goal by more steps do not decrease, or as steps fail.
+    steps_fail : bool
+        Whether that is as steps fail.
+    left : float or None
+        The part of the last level's errors that these cells leave where the solution is smooth;
+        None: that of cells of one size.
     gives_way : str
         The note that supports without an area carry a force: finer meshes have another answer.
     """
@@ -145,9 +142,10 @@ class LevelRow:
     steps: int = 0
     kind: str = "time"
     estimate: Estimate = field(default_factory=Estimate)
-    goals: dict[str, GoalLevel] = field(default_factory=dict)
+    goals: dict[str, GoalError] = field(default_factory=dict)
     reason: str = ""
-    steps_have_no_order: bool = False
+    steps_fail: bool = False
+    left: float | None = None
     gives_way: str = ""
 
 
@@ -166,13 +164,6 @@ class Levels:
         Whether the goals were asked for by name: then all of them need an estimate. Otherwise
         forces of contact do not count while nothing touches, and the errors of forces below a tenth
         of the largest one are relative to that.
-    least : int, optional
-        Number of levels before the request can be met: two where the estimates are of another body
-        on each mesh, as the change from one to the next shows that error alone. It grows where
-        the contact with an obstacle is narrower than a cell, until one on finer cells follows, and
-        where edges of degree 2 are not round enough.
-    rounder : bool, optional
-        Whether finer cells have rounder faces.
     """
 
     def __init__(
@@ -181,11 +172,8 @@ class Levels:
         limits: Mapping[str, float | None] | None = None,
         dim: int = 3,
         named: bool = False,
-        least: int = 1,
-        rounder: bool = False,
     ) -> None:
-        self.asked, self.dim, self.named, self.least = asked, dim, named, least
-        self.rounder = rounder
+        self.asked, self.dim, self.named = asked, dim, named
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -196,52 +184,57 @@ class Levels:
         row.estimate = estimate = estimate or Estimate(reason="the load steps did not converge")
         untouched = self._untouched(row)
         known = {name: g for name, g in estimate.goals.items() if vector_of(name) not in untouched}
-        unknown = [name for name, goal in known.items() if goal.error is None]
+        unknown = [name for name, goal in known.items() if goal.estimate is None]
         if estimate.reason:
-            row.reason, row.steps_have_no_order = estimate.reason, estimate.steps_too_long
+            row.reason, row.steps_fail = estimate.reason, estimate.steps_too_long
         elif unknown:
             reasons = [f"{name}: {known[name].reason}" for name in unknown if known[name].reason]
             row.reason = reasons[0] if reasons else f"no estimate of {', '.join(unknown)}"
-            row.steps_have_no_order = any(known[name].steps_bound == inf for name in unknown)
         else:
-            finer = bool(self.rows) and row.fineness > self.rows[-1].fineness
-            # From one that was not round enough the body's change counts, which is no error now.
-            same_body = finer and not self._is_angular(self.rows[-1].estimate)
-            coarser = self.rows[-1].goals if same_body else {}
-            row.goals = bounded_goals(estimate, known, row.degree, self.dim, coarser, self.named)
-            before = [r for r in self.rows if r.goals and r.fineness < row.fineness]
-            narrow = estimate.narrow and not before
-            if (narrow or self._is_angular(estimate)) and not row.steps:
-                self.least = max(self.least, len(self.rows) + 2)
+            coarser = [before for before in self.rows if before.dofs < row.dofs]
+            goals = [before.goals for before in coarser]
+            row.goals = with_bounds(known, goals, self._left_by(row, coarser))
+            if not self.named:
+                row.goals = with_scales_of_forces(row.goals)
         self.rows.append(row)
 
-    def _is_angular(self, estimate: Estimate) -> bool:
-        """Return whether finer cells have rounder faces, which the request needs."""
-        return self.rounder and estimate.of_curved > _OF_CURVED * self.asked
+    def _left_by(self, row: LevelRow, coarser: Sequence[LevelRow]) -> float:
+        """Return the part of the errors that a level leaves of the coarser one, if smooth."""
+        if not coarser:
+            return 1.0
+        if row.left is not None and coarser[-1] is self.rows[-1]:
+            return row.left
+        return left_by_uniform(coarser[-1].dofs, row.dofs, row.degree, self.dim)
 
     def _untouched(self, row: LevelRow) -> dict[str, str]:
         """Return the lines of forces of contact that do not count: see `Estimate.untouched`."""
         return {} if self.named else row.estimate.untouched
 
     @property
+    def asked_goals(self) -> dict[str, GoalError]:
+        """The goals of the last level that were asked for; empty without an estimate."""
+        goals = self.rows[-1].goals if self.rows else {}
+        return {name: goal for name, goal in goals.items() if goal.asked}
+
+    @property
     def worst(self) -> tuple[str, float] | None:
         """The goal with the largest relative error on the last level; None without an estimate."""
-        goals = self.rows[-1].goals if self.rows else {}
+        goals = self.asked_goals
         if not goals:
             return None
-        name = max(goals, key=lambda name: goals[name].relative)
-        return name, goals[name].relative
+        name = max(goals, key=lambda name: goals[name].within)
+        return name, goals[name].within
 
     @property
     def reached(self) -> bool:
         """Whether every goal of the last level is within the request."""
-        enough = len(self.rows) >= self.least
-        return enough and self.estimates_suffice and not self.rows[-1].gives_way
+        return self.bounds_suffice and not self.rows[-1].gives_way
 
     @property
-    def estimates_suffice(self) -> bool:
-        """Whether the estimate of every goal of the last level is within the request."""
-        return self.worst is not None and self.worst[1] <= self.asked
+    def bounds_suffice(self) -> bool:
+        """Whether every goal of the last level is, whether or not supports give way."""
+        goals = self.asked_goals.values()
+        return bool(goals) and all(goal.is_within(self.asked) for goal in goals)
 
     @property
     def decrease(self) -> bool:
@@ -252,7 +245,7 @@ class Levels:
         if len(self.rows) < 2:
             return True
         before, now = (
-            max((goal.relative for goal in row.goals.values()), default=inf)
+            max((goal.within for goal in row.goals.values() if goal.asked), default=inf)
             for row in self.rows[-2:]
         )
         return now < inf and now <= _DECREASES * before
@@ -264,7 +257,7 @@ class Levels:
         without = [not row.goals for row in self.rows[-_MOST_WITHOUT:]]
         if row.estimate.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
             return f"no estimate of the error: {row.reason}"
-        if row.gives_way and self.estimates_suffice:
+        if row.gives_way and self.bounds_suffice:
             return row.gives_way
         if row.gives_way and not self.decrease:
             return f"the errors do not decrease: {row.gives_way}"
@@ -281,16 +274,56 @@ class Levels:
 
     def refinement(self) -> float:
         """Return the factor by which the cells of the next level are to be smaller."""
-        if self.worst is None or (len(self.rows) < self.least and self.estimates_suffice):
+        if self.worst is None:
             return _MOST_REFINEMENT
-        ratio = self._excess("mesh") if self._has_parts else self.worst[1] / self.asked
-        ratio /= _AIM_OF_NEAR if ratio <= _NEAR else _AIM
-        factor = ratio ** (1 / _ORDER[self.rows[-1].degree])
+        if not self._is_measured:
+            return _TO_MEASURE[self.dim]
+        factor = (self._excess_of_mesh / _AIM) ** (1 / self._order)
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
+
+    @property
+    def _order(self) -> float:
+        """The order in the size of cells with which estimates of the mesh decrease, measured.
+
+        It is from 1, as at a crack, to 2p of smooth solutions; between them if cells are the same.
+        """
+        last, highest = self.rows[-1], 2.0 * self.rows[-1].degree
+        before = next((r for r in self.rows[::-1] if r.goals and r.dofs < last.dofs), last)
+        finer = log(last.dofs / before.dofs) / self.dim
+        sizes = []
+        for row in (before, last):
+            goals = [goal for goal in row.goals.values() if goal.asked and goal.scale > 0]
+            missed = [goal.missed.get("mesh", 0.0) / goal.scale for goal in goals]
+            sizes.append(max(missed, default=0.0))
+        if not finer or min(sizes) <= 0:
+            return last.degree
+        return min(max(log(sizes[0] / sizes[1]) / finer, 1.0), highest)
+
+    @property
+    def _excess_of_mesh(self) -> float:
+        """The errors of the mesh over the request; 1 without bounds."""
+        if self._has_parts:
+            return self._excess("mesh")
+        return self.worst[1] / self.asked if self.worst and self.worst[1] < inf else 1.0
+
+    @property
+    def _is_measured(self) -> bool:
+        """Whether the goals have bounds, and none that suffices is without a confirmed estimate."""
+        goals, asked = self.asked_goals.values(), self.asked
+        return self.worst is not None and all(
+            g.within < inf and (g.within > asked or g.is_within(asked)) for g in goals
+        )
+
+    @property
+    def left_of_errors(self) -> float:
+        """The part of the errors of the mesh that the next level may leave."""
+        if not self._is_measured:  # by what differs on two levels
+            return 0.0
+        return _AIM / excess if (excess := self._excess_of_mesh) > 0 else 1.0
 
     def shorter_steps(self) -> float:
         """Return the factor by which the steps of the next level are to be shorter."""
-        if self.rows[-1].steps_have_no_order:
+        if self.rows[-1].steps_fail:
             return _MOST_SHORTER
         factors = [self._factor(source, 1 / p, _MOST_SHORTER) for source, p in _STEPS.items()]
         if self.rows[-1].steps and self.rows[-1].kind == "time":  # see `stiffer_penalties`
@@ -317,35 +350,39 @@ class Levels:
     @property
     def mesh_suffices(self) -> bool:
         """Whether the error of the mesh is within its share, and another part is not."""
-        if self.rows[-1].steps_have_no_order:
+        if self.rows[-1].steps_fail:
             return True
-        if len(self.rows) < self.least:
-            return False
-        return self._suffices("mesh") and not all(map(self._suffices, _SHARES))
+        return (
+            self._is_measured and self._suffices("mesh") and not all(map(self._suffices, _SHARES))
+        )
 
     @property
     def _has_parts(self) -> bool:
         """Whether an error of the last level has several parts."""
-        return any(goal.known.parts for goal in self.rows[-1].goals.values())
+        return any(len(goal.parts) > 1 for goal in self.asked_goals.values())
 
     def _excess(self, source: str) -> float:
         """Return the largest contribution of a part to a bound, over its share of the request."""
-        parts = (goal.contribution(source) for goal in self.rows[-1].goals.values())
+        parts = (goal.contribution(source) for goal in self.asked_goals.values())
         return max(parts, default=0.0) / (_SHARES[source] * self.asked)
 
     def _suffices(self, source: str) -> bool:
         """Return whether a part is about within its share."""
         return self._excess(source) <= _ENOUGH
 
-    def forecast(self, refinement: float, shorter: float = 1.0, dofs: int = 0) -> Forecast:
+    def forecast(
+        self, refinement: float, shorter: float = 1.0, dofs: int = 0, cells: int = 0
+    ) -> Forecast:
         """Return what a level with cells and steps so many times smaller will cost.
 
-        With ``dofs`` it has the same cells, and an element of a higher degree.
+        With ``dofs`` it has the same cells, and an element of a higher degree; ``cells`` is their
+        number if it is known.
         """
         last, power = self.rows[-1], float(self.dim)
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = max(1.0, dofs / last.dofs) if dofs else refinement**power
+        growth = cells / last.cells if cells else growth
         seconds = last.seconds * growth**_TIME_POWER * shorter
         cells = last.cells if dofs else round(last.cells * growth)
         dofs = dofs or round(last.dofs * growth)
@@ -375,11 +412,12 @@ class Levels:
             reason = f"{available / 1e6:.2g} MB are available"
         return reason and f"{reason}: the next level has {forecast}"
 
-    def cell_weights(self, cells: int) -> Array:
-        """Return the errors of cells over the request, of the goals that are not within it."""
+    def cell_weights(self, cells: int, of_all: bool = False) -> Array:
+        """Return the errors of cells over the request, of goals not within it, or ``of_all``."""
         row, weights = self.rows[-1], np.zeros(cells)
-        for name, goal in row.goals.items():
-            if name in row.estimate.indicators and goal.relative > self.asked:
+        for name, goal in self.asked_goals.items():
+            wanted = of_all or not goal.is_within(self.asked)
+            if wanted and name in row.estimate.indicators and goal.scale > 0:
                 weights += np.abs(row.estimate.indicators[name]) / (self.asked * goal.scale)
         return weights
 
@@ -390,39 +428,34 @@ class Levels:
         head += f", {row.steps:,} {row.kind} steps" if row.steps else ""
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
-        counts = sum(goal.relative <= asked for goal in row.goals.values())
-        head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} "
-        unsure = row.gives_way or len(self.rows) < self.least
-        head += f"{'estimates' if unsure else 'goals'} within {100 * asked:g} %"
-        shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
-        lines = [head, *(self._line(row.estimate.label(n), goal) for n, goal in shown.items())]
+        head += f", {row.elapsed:.2g} s: "
+        if self.worst and self.worst[1] == inf:
+            head += "estimates, which another level measures"
+        else:
+            counts = sum(goal.is_within(asked) for goal in self.asked_goals.values())
+            head += f"{counts} of {len(self.asked_goals)} "
+            head += f"{'bounds' if row.gives_way else 'goals'} within {100 * asked:g} %"
+        shown = {name: goal for name, goal in self.asked_goals.items() if not goal.is_zero}
+        label = row.estimate.label
+        lines = [head, *(goal.line(label(name), asked) for name, goal in shown.items())]
         further = (*self._untouched(row).values(), *row.estimate.remarks)
         return [*lines, *(f"  {text}" for text in further)]
-
-    def _line(self, name: str, goal: GoalLevel) -> str:
-        relative = goal.relative
-        which = "" if goal.corrected == goal.value else " (corrected)"
-        mark = "" if relative <= self.asked else "  not yet"
-        share = f"{100 * relative:.2g} %"
-        if goal.small:
-            share += f" of {SMALL_FORCE:g} of the largest force"
-        parts = parts_text(goal.known.parts, goal.known.steps_bound)
-        of = f"  ({parts})" if parts else ""
-        return f"  {name} {goal.corrected:.6g} +- {goal.uncertainty:.2g} ({share}){which}{mark}{of}"
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``accuracy`` of run.json."""
         last = self.rows[-1] if self.rows else LevelRow("", 1, 0, 0)
+        at = {n: load for n, load in last.estimate.loads.items() if n in last.estimate.asked}
         return {
             "within": self.asked,
             "reached": self.reached,
             "limit": self.limit or None,
             "worst": self.worst[0] if self.worst else None,
-            "relative": self.worst[1] if self.worst else None,
+            "relative": self.worst[1] if self.worst and self.worst[1] < inf else None,
             "without_contact": list(self._untouched(last)),
             "left_out": last.estimate.left_out if last.goals else [],
-            **({"at": last.estimate.loads} if last.estimate.loads else {}),
-            "small": [name for name, goal in last.goals.items() if goal.small],
+            "unconfirmed": [n for n, g in self.asked_goals.items() if not g.confirmed],
+            **({"at": at} if at else {}),
+            "small": [name for name, goal in self.asked_goals.items() if goal.small],
             "levels": [
                 {
                     "element": row.element,
@@ -431,7 +464,7 @@ class Levels:
                     **({f"{row.kind}_steps": row.steps} if row.steps else {}),
                     "seconds": row.elapsed,
                     "reason": row.reason or None,
-                    "goals": {n: g.record() for n, g in row.goals.items()},
+                    "goals": {n: g.record() for n, g in row.goals.items() if g.asked},
                 }
                 for row in self.rows
             ],

@@ -24,15 +24,15 @@ import numpy as np
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
-from fem_snh.accuracy.duals import HessianSolver, assemble_hessian
 from fem_snh.accuracy.goal_errors import NoEstimate, NoEstimateOnAnyMesh
-from fem_snh.accuracy.state_notes import may_lock
 from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.unknowns import summed_over_cells
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
+from fem_snh.problem.duals import HessianSolver, assemble_hessian
 from fem_snh.problem.free_motions import Supports
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.state_notes import may_lock
 from fem_snh.solver.stability import has_negative_curvature, is_definite
 
 #: Prefix of its solver's options: those of the run are for another problem.
@@ -62,7 +62,7 @@ _MAX_FACTORED = 5_000
 #: at 4e-4.
 _CONVEX = 1e-4
 #: Newton iterations in all: a state that needs more is far from the run's.
-_MAX_IT = 15
+_MAX_IT = 30
 #: What the last Hessian of iterations that fail says of the run's state.
 _NEGATIVE = "the Hessian has negative curvature there, and on finer cells the body may leave it"
 

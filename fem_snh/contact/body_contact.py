@@ -48,10 +48,6 @@ Array = npt.NDArray[Any]
 #: Added to the quadrature degree of products of shape functions, as shape functions of the other
 #: surface have kinks inside a facet. It reduces the error of a uniform pressure to a third.
 _QUADRATURE = 4
-#: `Term.unsettled_penalty`. With 100 times the stiffness, the largest component of a force differs
-#: from its estimate by up to 3.2 % of the correction for the penalty, an energy by up to 6.3 %
-#: (blocks, and a ball on a block).
-_UNSETTLED_PENALTY = 0.1
 
 
 #: The fraction of the stiffness that each of the two surfaces has.
@@ -533,7 +529,6 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
 
     name, gathered = "contact", True
     pairs: list[SurfacePair]
-    unsettled_penalty = _UNSETTLED_PENALTY
 
     def __init__(
         self,

@@ -48,7 +48,7 @@ class MarkedEdges(NamedTuple):
 
 def bisect_times(
     data: MeshData, target: Callable[[float], Array], wanted: float, max_cells: int
-) -> MeshData:
+) -> tuple[MeshData, Array]:
     """Bisect cells until their number is about ``wanted`` times as large. On rank 0.
 
     Parameters
@@ -56,18 +56,23 @@ def bisect_times(
     data : MeshData
         As for `bisect`.
     target : callable
-        ``target(factor)`` returns the wanted volumes of `bisect` for ``factor`` times the cells.
+        ``target(factor)`` returns the wanted sizes of `bisect` for ``factor`` times the cells.
     wanted : float
         The wanted factor, above 1.
     max_cells : int
         As for `bisect`.
+
+    Returns
+    -------
+    MeshData, (cells,) array
+        As `bisect` does.
     """
-    growth, refined = wanted, data
+    growth, refined = wanted, (data, np.arange(len(data.cells)))
     for _ in range(_TRIES):
         tried = bisect(data, target(growth), max_cells)
-        found = len(tried.cells) / len(data.cells)
+        found = len(tried[1]) / len(data.cells)
         if found == 1:  # all cells are to be a little smaller: none, or all are bisected
-            if refined is not data:
+            if refined[0] is not data:
                 break
             growth *= _TOLERANCE
             continue
@@ -78,15 +83,15 @@ def bisect_times(
     return refined
 
 
-def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
-    """Return the mesh with cells of about these volumes or smaller. On rank 0.
+def bisect(data: MeshData, sizes: Array, max_cells: int) -> tuple[MeshData, Array]:
+    """Return the mesh with cells of about these sizes or smaller. On rank 0.
 
     Parameters
     ----------
     data : MeshData
         A mesh of tetrahedra or triangles, in dolfinx's order of nodes.
-    volumes : (cells,) array
-        The largest volume wanted in each cell [length^dim].
+    sizes : (cells, corners) array
+        The largest length of edges wanted at the corners of each cell; linear in it.
     max_cells : int
         No round starts with this number of cells or more.
 
@@ -94,6 +99,8 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     -------
     MeshData
         The mesh. New nodes, also of degree 2, are on the original curved cells.
+    (cells,) int array
+        The original cell of which each is a part.
     """
     dim, pairs = data.x.shape[1], simplex_edges(data.x.shape[1] + 1)
     vertices, corners = np.unique(data.cells[:, : dim + 1], return_inverse=True)
@@ -106,7 +113,8 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     roots = np.arange(len(cells))
     barycentric = np.tile(np.eye(dim + 1), (len(cells), 1, 1))
     for _ in range(_MAX_ROUNDS):
-        marked = simplex_volumes(x[cells]) > _TOLERANCE * volumes[roots]
+        wanted = np.einsum("cik,ck->c", barycentric, sizes[roots]) / (dim + 1)
+        marked = simplex_volumes(x[cells]) > _TOLERANCE * _REGULAR[dim] * wanted**dim
         if not marked.any() or len(cells) >= max_cells:
             break
         found, places = _marked_edges(cells, x, marked)
@@ -128,7 +136,7 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
         groups.append(group._replace(entities=entities))
     if data.degree == 2:
         cells, x = _with_midpoints(data, cells, x, roots, barycentric)
-    return data._replace(cells=cells, x=x, groups=groups)
+    return data._replace(cells=cells, x=x, groups=groups), roots
 
 
 def edge_keys(pairs: Array) -> Array:
@@ -215,11 +223,8 @@ def _with_midpoints(
     return np.concatenate([cells, len(x) + numbers.reshape(keys.shape)], axis=1), nodes
 
 
-def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
-    """Return the size field with which a new mesh has about the wanted cell volumes.
-
-    The change of sizes is limited (``_GRADIENT``), which makes cells smaller. All sizes are then
-    multiplied by one factor so that the expected number of cells is as the volumes ask.
+class VertexSizes:
+    """Sizes at the vertices of simplices: with them sizes change gradually, also in a cell.
 
     Parameters
     ----------
@@ -227,22 +232,42 @@ def size_field(cells: Array, x: Array, volumes: Array) -> SizeField:
         The corners of triangles or tetrahedra.
     x : (nodes, 2 or 3) array
         Coordinates [m].
-    volumes : (cells,) array
-        The wanted volume of new cells within each cell [m^dim].
     """
-    dim = x.shape[1]
-    used, corners = np.unique(cells, return_inverse=True)
-    corners, x = corners.reshape(cells.shape), x[used]
-    own = simplex_volumes(x[corners])
-    wanted = np.log(volumes / _REGULAR[dim]) / dim
-    ends = corners.ravel()
-    means = np.bincount(ends, np.repeat(wanted, dim + 1)) / np.bincount(ends)
-    sizes = _graded(np.exp(means), corners, x)
-    expected = (own / (_REGULAR[dim] * sizes[corners].mean(axis=1) ** dim)).sum()
-    sizes *= (expected / (own / volumes).sum()) ** (1 / dim) / _LONGER[dim]
-    points = np.zeros((len(x), 3))
-    points[:, :dim] = x
-    return SizeField(points[corners], sizes[corners])
+
+    def __init__(self, cells: Array, x: Array) -> None:
+        used, corners = np.unique(cells, return_inverse=True)
+        self._corners, self._x = corners.reshape(cells.shape), x[used]
+        self._ends, self._dim = self._corners.ravel(), x.shape[1]
+        self._own = simplex_volumes(self._x[self._corners])
+        self._around = np.bincount(self._ends)
+
+    def of(self, volumes: Array) -> Array:
+        """Return the geometric means, at each vertex, of sizes of wanted volumes (cells,) [m^d]."""
+        wanted = np.log(edge_lengths(volumes, self._dim))
+        sums = np.bincount(self._ends, np.repeat(wanted, self._dim + 1))
+        return np.exp(sums / self._around)
+
+    def expected(self, sizes: Array) -> float:
+        """Return the number of cells with sizes (vertices,)."""
+        means = sizes[self._corners].mean(axis=1)
+        return float((self._own / (_REGULAR[self._dim] * means**self._dim)).sum())
+
+    def at_corners(self, sizes: Array) -> Array:
+        """Return sizes at the corners of each cell, whose changes are limited (``_GRADIENT``)."""
+        return np.asarray(_graded(sizes, self._corners, self._x)[self._corners])
+
+    def field(self, volumes: Array) -> SizeField:
+        """Return the size field with which a new mesh has about the wanted volumes (cells,).
+
+        The limited change of sizes makes cells smaller: all are then multiplied by one factor, so
+        that the expected number of cells is the same.
+        """
+        wanted = self.of(volumes)
+        sizes, dim = _graded(wanted, self._corners, self._x), self._dim
+        sizes = sizes * (self.expected(sizes) / self.expected(wanted)) ** (1 / dim) / _LONGER[dim]
+        points = np.zeros((len(self._x), 3))
+        points[:, :dim] = self._x
+        return SizeField(points[self._corners], sizes[self._corners])
 
 
 def _graded(sizes: Array, cells: Array, x: Array) -> Array:
@@ -262,6 +287,11 @@ def _graded(sizes: Array, cells: Array, x: Array) -> Array:
 def simplex_edges(corners: int) -> Array:
     """Return the edges of a simplex with a number of corners, (edges, 2)."""
     return np.array(list(combinations(range(corners), 2)))
+
+
+def edge_lengths(volumes: Array, dim: int) -> Array:
+    """Return the lengths of the edges of regular simplices of some volumes [m^dim]."""
+    return np.asarray((volumes / _REGULAR[dim]) ** (1 / dim))
 
 
 def simplex_volumes(x: Array) -> Array:

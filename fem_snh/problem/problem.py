@@ -396,6 +396,11 @@ class Problem:
         return self._unknowns.components * self._unknowns.num_owned_nodes
 
     @property
+    def depends_on_path(self) -> bool:
+        """Whether a state depends on those before it: in time, with friction. Collective."""
+        return self.motion is not None or self.history.is_kept(self.comm)
+
+    @property
     def depends_on_load(self) -> bool:
         """Whether a boundary value or a term depends on the load."""
         return self.dirichlet.depends_on_load or any(term.depends_on_load for term in self.terms)

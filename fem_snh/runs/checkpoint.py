@@ -35,7 +35,7 @@ from fem_snh.scenes import Scene
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.goals import Goal
+    from fem_snh.problem.goals import Goal
     from fem_snh.runs.setup import Setup
 
 
@@ -213,7 +213,7 @@ class Checkpoint:
 
     def missing(self, scene: Scene, goals: Sequence[Goal]) -> list[str]:
         """Return what the scene asks for of the last state, and `record` lacks: a text each."""
-        names = {name for goal in goals for name in goal.names}
+        names = {name for goal in goals for name in goal.asked}
         known = set(self.record.get("fields", ()))
         fields = [field for field in scene.fields if field not in known]
         if scene.fields and scene.fields_at != self.record.get("fields_at"):

@@ -29,7 +29,7 @@ from fem_snh.solver.options import unused_options
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
-    from fem_snh.accuracy.goals import Goal
+    from fem_snh.problem.goals import Goal
     from fem_snh.runs.level_runs import Level
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
@@ -125,8 +125,12 @@ def _run(
     folder: Folder | None = None,
     stored: Checkpoint | None = None,
     level: Level | None = None,
+    alone: bool = False,
 ) -> Result:
-    """Solve a scene, from the checkpoint ``stored`` or the previous level if given. Collective."""
+    """Solve a scene, from the checkpoint ``stored`` or the previous level if given. Collective.
+
+    A coarser run measures the estimates of its errors, unless it is to be ``alone``.
+    """
     with solver.petsc_failures(), scene_options(scene) as given:
         setup = set_up(
             comm, scene, stored is not None, *((level.mesh, level.stiffer) if level else ())
@@ -164,7 +168,8 @@ def _run(
             from fem_snh.runs.bone_records import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        estimate = _solve(setup, recorder, printed, goals)
+        again = partial(_run, comm, printed=Progress(comm, False), note=None, start=start)
+        estimate = _solve(setup, recorder, printed, goals, None if level or alone else again)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -179,11 +184,16 @@ def _run(
 
 
 def _solve(
-    setup: Setup, recorder: Recorder, printed: Progress, goals: Sequence[Goal]
+    setup: Setup,
+    recorder: Recorder,
+    printed: Progress,
+    goals: Sequence[Goal],
+    again: Callable[..., Result] | None,
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective.
 
-    Returns the estimated errors; None if there are no goals or a step failed.
+    Returns the errors; None if there are no goals or a step failed. A run of a scene ``again``, on
+    a coarser mesh, measures them.
     """
     estimate = None
     with _interrupts(setup) as interrupts, recorder, solver.petsc_failures():
@@ -195,16 +205,17 @@ def _solve(
         if (wanted := setup.scene.modes) and setup.stepper.done:
             from fem_snh.problem.modes import lowest
 
-            density = wanted.density or DEFAULT_DENSITY
-            found = lowest(setup.problem, density, wanted.count)
+            found = lowest(setup.problem, wanted.density or DEFAULT_DENSITY, wanted.count)
             with interrupts.postponed():
                 recorder.add_modes(found)
         if goals and setup.stepper.done:
-            from fem_snh.runs.estimates import estimate_errors
+            from fem_snh.runs.estimates import estimate_errors, measure_errors
 
             fields, states = recorder.writes_fields, recorder.states
             with untimed(setup.problem):
                 estimate = estimate_errors(setup, goals, printed.estimating, fields, states)
+                if again:
+                    measure_errors(setup, estimate, again, printed.line)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

@@ -34,11 +34,11 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from fem_snh import materials, scenes, solver
-from fem_snh.accuracy.duals import HessianSolver, Linearisation
-from fem_snh.accuracy.goals import Goal, bind_all
 from fem_snh.errors import BadInput, Failed, bad_value, is_number, on_every
 from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
+from fem_snh.problem.duals import HessianSolver, Linearisation
+from fem_snh.problem.goals import Goal, bind_all
 from fem_snh.records.run_record import Record
 from fem_snh.runs.scene_goals import named_goals
 from fem_snh.runs.scene_options import scene_options

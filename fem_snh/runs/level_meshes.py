@@ -16,19 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.indicators import target_volumes
 from fem_snh.accuracy.path_errors import HALVES
-from fem_snh.accuracy.state_notes import REPLACEMENTS
+from fem_snh.accuracy.refinement import Lineage, measured_rates, target_volumes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
 from fem_snh.kernels.material import material, supports
-from fem_snh.mesh.bisection import MOST_CELLS, bisect_times, size_field
+from fem_snh.mesh.bisection import MOST_CELLS, VertexSizes, bisect_times
 from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
+from fem_snh.problem.state_notes import REPLACEMENTS
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Geometry, Lattice, Scene
 from fem_snh.scenes.build import mesh_with_sizes
@@ -44,8 +44,10 @@ Array = npt.NDArray[Any]
 Refined = tuple[dict[str, Any], Mesh | None]
 #: Returns `Refined` with cells that are smaller than the last level's by a factor. Collective.
 Refine = Callable[[MPI.Comm, Scene, "Level", float], Refined]
-#: Returns the wanted volume of each cell, from the factor by which the number of cells is to grow.
+#: Returns wanted sizes of cells, from the factor by which their number is to grow.
 Target = Callable[[float], Array]
+#: A new mesh, and the cell of the last one of which each is a part; None: of several.
+Made = tuple[MeshData, Array | None]
 #: Bodies with plane faces, which refined tetrahedra fill exactly; and bodies of revolution whose
 #: section is a rectangle, which triangles fill exactly.
 _PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
@@ -66,11 +68,11 @@ _SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
 _PLANE = {"P2P0": "P2P1"}
 #: Cells along an edge in the first level over those in the scene: if the element keeps its degree,
 #: and if that is raised by one. The first number is also the ratio of time steps.
-_FIRST = (0.5, 0.25)
+_FIRST = (0.25, 0.125)
 #: Required accuracy from which a coarser mesh is likely to suffice, and the ratios for it.
-_COARSE, _FIRST_OF_COARSE = 0.005, (1 / 3, 1 / 6)
+_COARSE, _FIRST_OF_COARSE = 0.005, (1 / 6, 1 / 12)
 #: Fewest cells along an edge of a first level, and fewest time steps.
-_FEWEST, _FEWEST_STEPS = 3, 16
+_FEWEST, _FEWEST_STEPS = 2, 16
 #: The option of Newton's tolerance, and its largest value over the accuracy: the residual is at
 #: most a tenth of the accuracy, relative to the acting forces (`fem_snh.choices.ACTING_FORCES`).
 _TOLERANCE, _OF_ASKED = "snes_scaled_tol", 1e-4
@@ -157,7 +159,7 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     if any(goal.kind == "stress_at" for goal in goals):
         pass  # cells that fit the radius around the point
     elif is_shape(mesh):
-        update["cells"] = min(scene.cells or DEFAULT_CELLS, DEFAULT_CELLS)
+        update["cells"] = min(scene.cells or DEFAULT_CELLS, DEFAULT_CELLS // 2)
     elif is_exact(scene):
         assert scene.cells
         coarse = wanted.within >= _COARSE and _may_raise(scene)
@@ -170,9 +172,32 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         printed.line(f"Newton's tolerance is {least:.2g}")
         update["petsc"] = scene.petsc | {_TOLERANCE: least}
     if scene.time:
-        steps = HALVES * ceil(max(_FEWEST_STEPS, _FIRST[0] * scene.time.steps) / HALVES)
+        steps = HALVES * ceil(max(_FEWEST_STEPS, scene.time.steps / 4) / HALVES)
         update["time"] = scene.time.model_copy(update={"steps": steps})
     return scene.model_copy(update=update)
+
+
+def coarser_scene(scene: Scene) -> tuple[Scene | None, str]:
+    """Return the scene with cells and time steps of twice the size, and which cells these are.
+
+    None, and why, for a mesh of a file, or of so few cells that none is coarser.
+    """
+    update: dict[str, Any] = {}
+    if isinstance(scene.mesh, Lattice):
+        cell = 2 * scene.mesh.cell
+        update["mesh"], what = scene.mesh.model_copy(update={"cell": cell}), f"cell = {cell:g}"
+    elif scene.cells is None:
+        return None, "the mesh is that of a file, and none is coarser"
+    else:
+        cells = cells_of(scene, scene.cells / 2)
+        if cells >= scene.cells:
+            return None, f"no mesh has fewer than {scene.cells} cells along an edge"
+        update["cells"], what = cells, f"{cells} cells along an edge"
+    if scene.time:
+        steps = HALVES * ceil(scene.time.steps / (2 * HALVES))
+        update["time"] = scene.time.model_copy(update={"steps": steps})
+        what += f", {steps} time steps"
+    return scene.model_copy(update=update | {"modes": None, "stability": False}), what
 
 
 def raised_element(scene: scenes.Scene) -> str:
@@ -308,8 +333,11 @@ def higher_degree(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Re
 def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
     """Return `Refined` with cells bisected where the errors are."""
 
-    def bisect(data: MeshData, target: Target, wanted: float) -> MeshData:
-        return bisect_times(data, target, wanted, MOST_CELLS)
+    def bisect(data: MeshData, sizes: VertexSizes, target: Target, wanted: float) -> Made:
+        def at_corners(growth: float) -> Array:
+            return sizes.at_corners(sizes.of(target(growth)))
+
+        return bisect_times(data, at_corners, wanted, MOST_CELLS)
 
     mesh = _with_target(comm, scene, last, finer, bisect)
     assert last.mesh is not None
@@ -321,9 +349,8 @@ def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined
 def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
     """Return `Refined` with a new mesh of the exact body, its cell sizes from the errors."""
 
-    def mesh(data: MeshData, target: Target, wanted: float) -> MeshData:
-        cells = data.cells[:, : data.x.shape[1] + 1]
-        return mesh_with_sizes(scene, data.cell, size_field(cells, data.x, target(wanted)))
+    def mesh(data: MeshData, sizes: VertexSizes, target: Target, wanted: float) -> Made:
+        return mesh_with_sizes(scene, data.cell, sizes.field(target(wanted))), None
 
     return {}, _with_target(comm, scene, last, finer, mesh)
 
@@ -333,26 +360,36 @@ def _with_target(
     scene: Scene,
     last: Level,
     finer: float,
-    make: Callable[[MeshData, Target, float], MeshData],
+    make: Callable[[MeshData, VertexSizes, Target, float], Made],
 ) -> Mesh:
     """Return the next mesh, distributed. Collective.
 
-    Rank 0 calls ``make`` with the last mesh, a `Target` and the growth of the number of cells.
+    Rank 0 calls ``make`` with the last mesh, sizes at its vertices, a `Target` and the growth of
+    the number of cells; and sets the lineage of the last level to that of the next.
     """
     assert last.mesh is not None
     data, owned = gather(last.mesh), len(last.volumes)
     numbers = _dolfinx.input_cells(last.mesh.domain)[:owned]
-    rows = comm.gather((numbers, last.volumes, last.cell_weights()))
+    rows = comm.gather((numbers, last.volumes, last.cell_weights(), last.cell_weights(True)))
     degree, dim = ELEMENTS[scene.element].degree, last.mesh.dim
+    left = last.levels.left_of_errors if last.lineage else 0.0
+    left = comm.bcast(left)
 
     def make_on_root() -> MeshData:
-        volumes, weights = np.empty((2, len(data.cells)))
+        volumes, errors, every = np.empty((3, len(data.cells)))
         for numbers, *values in rows:
-            volumes[numbers], weights[numbers] = values
+            volumes[numbers], errors[numbers], every[numbers] = values
+        rates = measured_rates(every, last.lineage, degree, dim)
+        sizes = VertexSizes(data.cells[:, : dim + 1], data.x)
 
         def target(growth: float) -> Array:
-            return target_volumes(volumes, weights, degree, growth, dim)
+            return target_volumes(
+                volumes, errors, rates, degree, dim, growth * len(volumes),
+                lambda v: sizes.expected(sizes.of(v)), left if growth <= finer**dim else 0.0,
+            )  # fmt: skip
 
-        return make(data, target, finer**dim)
+        made, parents = make(data, sizes, target, finer**dim)
+        last.lineage = None if parents is None else Lineage(parents, every, rates)
+        return made
 
     return distribute(comm, "the refined mesh", make_on_root)

@@ -29,6 +29,7 @@ from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.path_errors import HALVES
+from fem_snh.accuracy.refinement import Lineage, left_by_parts
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import on_root
 from fem_snh.mesh.mesh import Mesh, cell_volumes
@@ -37,10 +38,9 @@ from fem_snh.problem.transfer import transfer_state
 from fem_snh.records.run_record import NOTES_ON_PATH
 from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.level_meshes import (
+    Refined,
     first_scene,
-    has_curved_cells,
     higher_degree,
-    meshed_again,
     more_cells,
     raised_element,
     refinement_of,
@@ -82,6 +82,8 @@ class Level:
         The volumes of this rank's cells [length^dim].
     row : LevelRow or None
         The level's discretisation, from `begin` on; its errors, from `end` on.
+    lineage : Lineage or None
+        On rank 0, where the cells of `mesh` come from, if those of the level before were bisected.
     """
 
     levels: Levels
@@ -93,6 +95,7 @@ class Level:
     notes: list[dict[str, Any]] = field(default_factory=list)
     volumes: Array = field(default_factory=lambda: np.empty(0))
     row: LevelRow | None = None
+    lineage: Lineage | None = None
 
     def begin(self, setup: Setup) -> None:
         """Set `mesh`, `volumes`, `row`, and the problem's state to that of `before`. Collective."""
@@ -101,6 +104,9 @@ class Level:
         cells, element = problem.num_cells, problem.element
         self.row = LevelRow(element.name, element.degree, cells, problem.dofs)
         self.row.fineness = self.fineness or cells ** (1 / self.levels.dim)
+        if self.lineage is not None:  # on rank 0
+            self.row.left = left_by_parts(self.lineage, element.degree, self.levels.dim)
+        self.row.left = problem.comm.bcast(self.row.left)
         if self.before is not None:
             problem.set_load(1.0)
             transfer_state(self.before, problem)
@@ -118,20 +124,23 @@ class Level:
         assert row is not None
         row.seconds = sum(step["seconds"] for step in rows)
         if estimate:
-            row.seconds += estimate.seconds - estimate.jit - estimate.repeated
+            row.seconds += estimate.seconds - estimate.jit
         row.elapsed = perf_counter() - self.start
         row.steps = sum(step["converged"] for step in rows) if followed else 0
         row.kind = "time" if in_time else "load"
         self.levels.add(row, estimate)
+        for name, goal in row.goals.items():
+            if name in record.get("goals", {}):
+                record["goals"][name] |= goal.record()
         if not row.goals and not whole:  # the next level follows the load steps again
             row.seconds += sum(step["seconds"] for step in record["steps"][:-1])
         record["accuracy"] = self.levels.record()
         if self.notes:
             record.setdefault("notes", []).extend(self.notes)
 
-    def cell_weights(self) -> Array:
-        """Return the errors of this rank's cells that are to be reduced; 0 if none is known."""
-        return self.levels.cell_weights(len(self.volumes))
+    def cell_weights(self, of_all: bool = False) -> Array:
+        """Return the errors of this rank's cells that are to be reduced, or ``of_all`` goals."""
+        return self.levels.cell_weights(len(self.volumes), of_all)
 
 
 #: A run of the driver: ``solve(scene, folder=folder, level=level)``.
@@ -201,9 +210,7 @@ class _LevelRuns:
         self._refine = refinement_of(first)
         limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
         dim = kinematics_of(first.kinematics).dim
-        least = 2 if isinstance(first.mesh, scenes.Lattice) else 1
-        rounder = self._refine in (more_cells, meshed_again) and has_curved_cells(first)
-        self._levels = Levels(wanted.within, limits, dim, bool(wanted.goals), least, rounder)
+        self._levels = Levels(wanted.within, limits, dim, bool(wanted.goals))
         #: The scene of the first level; the present level's changes of it; the resulting scene.
         self._first, self._changes, self._scene = first, dict[str, Any](), first
         self._start, self._stored = perf_counter(), stored
@@ -215,17 +222,19 @@ class _LevelRuns:
 
     def run(self) -> Result:
         """Solve levels until the goals are within the request, or a limit is reached."""
-        levels, printed = self._levels, self._printed
+        comm, levels, printed = self._comm, self._levels, self._printed
         result = self._restore(self._stored) if self._stored else self._solve_level()
         while result.converged and not levels.reached:
             levels.limit = levels.futility
             if levels.limit:
                 break
-            changes = levels.changes()
-            levels.limit = self._announce(changes)
+            changes, refined = levels.changes(), None
+            if changes.refinement > 1:
+                refined = self._refine(comm, self._scene, self._level, changes.refinement)
+            levels.limit = self._announce(changes, refined)
             if levels.limit:
                 break
-            self._prepare_next(changes, result)
+            self._prepare_next(changes, result, refined)
             result = self._solve_level()
         if self._wanted.path and levels.reached and self._scene.steps < self._first.steps:
             printed.line("the load steps are followed on the last mesh")
@@ -288,7 +297,8 @@ class _LevelRuns:
         aside = self._next or folder
         mesh = None if self._refine in (more_cells, smaller_lattice) else self._level.mesh
         on_root(self._comm, aside.write, self._finished)
-        write_levels(aside, self._asked, self._levels, self._changes, domain, mesh)
+        lineage = self._level.lineage
+        write_levels(aside, self._asked, self._levels, self._changes, domain, mesh, lineage)
         if self._next:
             folder.take(self._next)
             self._next = None
@@ -302,6 +312,7 @@ class _LevelRuns:
         self._start -= last.elapsed
         self._change(stored.changes)
         self._level = self._create_level(stored.mesh)
+        self._level.lineage = stored.lineage
         with petsc_failures():
             setup = set_up(self._comm, self._scene, True, self._level.mesh, self._level.stiffer)
             self._level.begin(setup)
@@ -317,7 +328,9 @@ class _LevelRuns:
     def _follow_path(self) -> Result:
         """Solve the present level again, by the scene's own load steps."""
         self._levels.rows.pop()
+        lineage = self._level.lineage
         self._level = self._create_level(self._level.mesh)
+        self._level.lineage = lineage
         self._change({"steps": self._first.steps, "starts_there": False})
         return self._solve_aside()
 
@@ -326,27 +339,30 @@ class _LevelRuns:
         self._changes = {**self._changes, **changes}
         self._scene = _with_changes(self._first, self._changes)
 
-    def _announce(self, changes: LevelChanges) -> str:
+    def _announce(self, changes: LevelChanges, refined: Refined | None) -> str:
         """Print what the next level will cost; return why it is not solved, "" if it is."""
         levels, scene, dofs = self._levels, self._scene, 0
         if self._refine is higher_degree and changes.refinement > 1:
             if raised_element(scene) == scene.element:
                 return f"cells of a file have element = '{scene.element}' at most"
             dofs = levels.rows[-1].estimate.dofs or levels.rows[-1].dofs
-        forecast = levels.forecast(changes.refinement, changes.shorter, dofs)
+        mesh = refined[1] if refined else None
+        cells = mesh.num_cells if mesh and not dofs else 0
+        forecast = levels.forecast(changes.refinement, changes.shorter, dofs, cells)
         # Each rank has measured seconds of its own: all decide by those of rank 0.
         elapsed, forecast = self._comm.bcast((perf_counter() - self._start, forecast))
         limit = levels.exceeds(forecast, elapsed, available_memory(self._comm))
+        if refined and not dofs and cells and cells <= levels.rows[-1].cells:
+            limit = "no smaller cells were made"
         if not limit:
             self._printed.line(f"level {len(levels.rows) + 1}: {forecast}")
         return limit
 
-    def _prepare_next(self, changes: LevelChanges, result: Result) -> None:
-        """Set the next level and its scene, refined by ``changes``."""
+    def _prepare_next(self, changes: LevelChanges, result: Result, refined: Refined | None) -> None:
+        """Set the next level and its scene, by ``changes`` and the ``refined`` keys and mesh."""
         scene, level, printed = self._scene, self._level, self._printed
-        mesh, last, new = level.mesh, self._levels.rows[-1], dict[str, Any]()
-        if changes.refinement > 1:
-            new, mesh = self._refine(self._comm, scene, level, changes.refinement)
+        new, mesh = refined or (dict[str, Any](), level.mesh)
+        last = self._levels.rows[-1]
         if changes.stiffer > 1:
             printed.line(f"penalties are {changes.stiffer:.2g} times stiffer")
             new["stiffer"] = level.stiffer * changes.stiffer
@@ -360,6 +376,7 @@ class _LevelRuns:
             new |= {"steps": self._first.steps, "starts_there": starts_there}
         self._change(new)
         self._level = self._create_level(mesh, result if starts_there else None)
+        self._level.lineage = level.lineage
 
 
 def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem_snh.accuracy.state_notes import (
+from fem_snh.mesh.mesh_checks import unconnected_nodes
+from fem_snh.problem.problem import Problem
+from fem_snh.problem.state_notes import (
     energy_note,
     instability_note,
     penetration_note,
     stabilisation_note,
     state_notes,
 )
-from fem_snh.mesh.mesh_checks import unconnected_nodes
-from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note, Record
 from fem_snh.scenes import Lattice, Scene
 from fem_snh.terms.dirichlet import Move

@@ -132,8 +132,8 @@ class Progress:
     def reached(self, accuracy: Record, duration: float | None) -> None:
         """Print whether the required accuracy was reached, and what ended the levels.
 
-        ``accuracy`` is the record of the levels. The goals of a dynamic scene are evaluated at its
-        end, after ``duration`` [s].
+        ``accuracy`` is the record of the levels. Goals of a dynamic scene are evaluated at its end,
+        after ``duration`` [s], or at a named time.
         """
         asked = f"{100 * accuracy['within']:g} %"
         if accuracy["reached"]:
@@ -145,18 +145,23 @@ class Progress:
             at: dict[float, list[str]] = {}
             for name, load in accuracy.get("at", {}).items():
                 at.setdefault(load, []).append(name)
-            loads = "".join(f", {in_words(n)} at load {load:.6g}" for load, n in at.items())
-            loads += "" if duration is None else f" at time {duration:.6g} s"
+            unit = "load {:.6g}" if duration is None else "time {:.6g} s"
+            places = {load * (duration or 1.0): names for load, names in at.items()}
+            loads = "".join(f", {in_words(n)} at {unit.format(x)}" for x, n in places.items())
+            loads += "" if duration is None or at else f" at time {duration:.6g} s"
             text = f"every goal{but} is within {asked}{of}{loads}{besides}"
             self._print(self._style(text, "green"))
             return
-        best = (
-            f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"
-            if accuracy["worst"]
-            else "no goal has an estimate"
-        )
-        if accuracy["relative"] is not None and accuracy["relative"] <= accuracy["within"]:
-            best = "the estimates are, but finer meshes have another answer"
+        best, relative = "no goal has an estimate", accuracy["relative"]
+        if relative is not None:
+            best = f"{accuracy['worst']} is known to {100 * relative:.2g} %"
+            if relative <= accuracy["within"]:
+                names = in_words(accuracy["unconfirmed"])
+                best = f"the bounds are, but two levels do not confirm the estimate of {names}"
+                if not names:
+                    best = "the bounds are, but finer meshes have another answer"
+        elif accuracy["worst"]:
+            best = f"the estimate of {accuracy['worst']} has no bound yet"
         ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""
         self._print(self._style(f"not within {asked}: {best}{ended}", "red"))
 

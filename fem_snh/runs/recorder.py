@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from fem_snh.cache import Stopwatch, untimed
+from fem_snh.choices import LOAD_DIGITS
 from fem_snh.errors import BadInput, on_root
 from fem_snh.records.run_record import NOTES_ON_PATH, Note, Record
 from fem_snh.runs.checkpoint import CheckpointWriter
@@ -18,7 +19,8 @@ from fem_snh.steps.jump_detection import jump_notes
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
-    from fem_snh.accuracy.goals import Goal
+    from fem_snh.accuracy.path_errors import GoalHistory
+    from fem_snh.problem.goals import Goal
     from fem_snh.problem.modes import VibrationModes
     from fem_snh.runs.scene_goals import GoalStates
     from fem_snh.runs.setup import Setup
@@ -68,9 +70,13 @@ class Recorder:
         self._watch = setup.watch
         self._checkpoint = CheckpointWriter(folder, setup) if folder else None
         self._earlier = earlier or {}
-        #: The states in which the goals are evaluated; None: the last one.
-        self.states: GoalStates | None = None
-        if goals and not setup.scene.time:
+        #: The states in which the goals are evaluated; or those along a path, if all are known.
+        self.states: GoalStates | GoalHistory | None = None
+        if goals and setup.depends_on_path:
+            from fem_snh.accuracy.path_errors import GoalHistory
+
+            self.states = None if earlier else GoalHistory(setup.problem, goals)
+        elif goals:
             from fem_snh.runs.scene_goals import GoalStates
 
             self.states = GoalStates(setup, goals, earlier is not None)
@@ -87,7 +93,7 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
-            names = [name for goal in goals for name in goal.names]
+            names = [name for goal in goals for name in goal.asked]
             path, resumed = folder.path / "fields.pvd", earlier is not None
             self._fields = Fields(path, setup, resumed, names)
             if self._fields.group_names:
@@ -118,7 +124,7 @@ class Recorder:
         self.record["steps"].append(row)
         if self.states and row["converged"]:
             with untimed(self._problem):
-                self.states.add_state()
+                self.states.add()
         if self._stepper.is_output(row):
             self.save("running", state=row["converged"])
         else:
@@ -144,15 +150,17 @@ class Recorder:
         The state at load 1 is written with the errors in the cells.
         """
         self.record["estimate"] = estimate.record()
-        self.record["goals"] = {name: goal.record() for name, goal in estimate.goals.items()}
-        rows = {row["load"]: row for row in self.record["steps"] if row["converged"]}
-        for name, goal in estimate.goals.items():
+        self.record["goals"] = {name: goal.record() for name, goal in estimate.asked.items()}
+        rows = {round(r["load"], LOAD_DIGITS): r for r in self.record["steps"] if r["converged"]}
+        for name, goal in estimate.asked.items():
             load = estimate.loads.get(name, self._problem.load)
-            row = rows[load]
+            if (row := rows.get(round(load, LOAD_DIGITS))) is None:  # between two steps
+                continue
             row.setdefault("goals", {})[name] = goal.value
             row.setdefault("errors", {})[name] = goal.error
-        for name, load in estimate.loads.items():
-            self.record["goals"][name]["at"] = load
+        for name, goal in self.record["goals"].items():
+            if name in estimate.loads:
+                goal["at"] = estimate.loads[name]
         self._seconds = self._seconds | {"estimate": estimate.seconds - estimate.jit}
         if self._fields:
             watch = Stopwatch()

@@ -12,8 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goal_errors import depends_on_path
-from fem_snh.accuracy.goals import (
+from fem_snh.assembly.boundary_conditions import group_forces
+from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.assembly.regions import boundary_facets, owned_cells
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.mesh.mesh import DIMENSIONS, Mesh
+from fem_snh.problem.goals import (
     EnergyGoal,
     Goal,
     MeanGoal,
@@ -26,11 +30,6 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
     vector_of,
 )
-from fem_snh.assembly.boundary_conditions import group_forces
-from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.assembly.regions import boundary_facets, owned_cells
-from fem_snh.errors import BadInput, bad_value
-from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
 from fem_snh.runs.setup import Setup
@@ -49,8 +48,6 @@ _MEAN_DEGREE = 5
 #: Sizes of a goal are equal, and the later state counts, if they differ by less than this part of
 #: the size plus the value at the start.
 _SAME = 1e-6
-#: What the scene has to be for errors at loads whose states are not known.
-_INSTEAD = "expected a scene whose tables end at the load that counts"
 
 
 def scene_goals(setup: Setup) -> list[Goal]:
@@ -88,7 +85,20 @@ def scene_goals(setup: Setup) -> list[Goal]:
         first, before = vectors.get((read.kind, read.name), (name, read))
         components = sorted({*before.components, *read.components})
         vectors[read.kind, read.name] = first, read._replace(components=tuple(components))
-    return [_goal(scene, setup.mesh, name, read) for name, read in vectors.values()]
+    return [_whole_goal(scene, setup.mesh, name, read) for name, read in vectors.values()]
+
+
+def _whole_goal(scene: Scene, mesh: Mesh, text: str, read: GoalName) -> Goal:
+    """Return a goal with all components of its vector, as an estimate of one is small by chance.
+
+    Sums of radial forces of a body of revolution are no component of a vector.
+    """
+    goal, revolved = _goal(scene, mesh, text, read), kinematics_of(scene.kinematics).revolved
+    if not read.components or (revolved and goal.is_force):
+        return goal
+    whole = _goal(scene, mesh, text, read_goal(vector_of(goal.names[0]), scene))
+    whole.unasked = set(whole.names) - set(goal.names)
+    return whole
 
 
 def named_goals(setup: Setup, names: Sequence[str]) -> list[Goal]:
@@ -203,6 +213,20 @@ def _measure(mesh: Mesh, key: str, text: str) -> Any:
     return measures[0]
 
 
+def goal_loads(scene: Scene, goals: Sequence[Goal]) -> dict[Goal, float | str]:
+    """Return the load, or `LARGEST`, of each goal that is not evaluated in the last state."""
+    named = scene.accuracy.goals if scene.accuracy else []
+    given = {vector_of(goal.name): goal.at for goal in named}
+    default = LARGEST if _returns(scene) else None
+    loads = {goal: given.get(vector_of(goal.names[0])) or default for goal in goals}
+    steps, end = scene.time.steps if scene.time else scene.steps, scene.duration or 1.0
+    return {
+        goal: round(at / end * steps) / steps if isinstance(at, float) else at
+        for goal, at in loads.items()
+        if at
+    }
+
+
 class _State(NamedTuple):
     """A state of equilibrium.
 
@@ -219,7 +243,7 @@ class _State(NamedTuple):
 
 
 class GoalStates:
-    """The states in which goals are evaluated. Collective.
+    """The states in which goals are evaluated that do not depend on the path. Collective.
 
     A goal is evaluated at a named load, at the load where it is largest, or at the end.
 
@@ -239,21 +263,11 @@ class GoalStates:
     """
 
     def __init__(self, setup: Setup, goals: Sequence[Goal], resumed: bool) -> None:
-        scene, self._problem, self._goals = setup.scene, setup.problem, list(goals)
-        named = scene.accuracy.goals if scene.accuracy else []
-        given = {vector_of(goal.name): goal.at for goal in named}
-        default = LARGEST if _returns(scene) else None
+        self._problem, self._goals = setup.problem, list(goals)
         #: The load, or `LARGEST`, of each goal that is not evaluated in the last state.
-        self._at: dict[Goal, float | str] = {}
-        for goal in goals:
-            at = given.get(vector_of(goal.names[0])) or default
-            if at:
-                self._at[goal] = at
+        self._at = goal_loads(setup.scene, goals)
         self.reason = ""
-        if self._at and depends_on_path(self._problem):
-            self.reason = "loads return, or goals are at loads before the end, and the state "
-            self.reason += f"depends on its path: {_INSTEAD}"
-        elif self._at and resumed:
+        if self._at and resumed:
             self.reason = "goals are at loads before the end, whose states a resumed run lacks: "
             self.reason += "expected a run from its start"
         self._functions = {goal: goal.bind(self._problem) for goal in self._at}
@@ -261,7 +275,7 @@ class GoalStates:
         self._sizes = dict.fromkeys(self._at, 0.0)
         self._states: dict[Goal, _State] = {}
 
-    def add_state(self) -> None:
+    def add(self) -> None:
         """Keep the present state for goals at its load, and for goals that are largest so far."""
         problem, state = self._problem, None
         if self.reason:

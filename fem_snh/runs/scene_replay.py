@@ -6,14 +6,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from fem_snh import scenes
-from fem_snh.accuracy.path_errors import Path
+from fem_snh.accuracy.path_errors import GoalHistory, Path
 from fem_snh.assembly.elements import Element
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.steps.stepping import Stepper
 
 
-def scene_path(setup: Setup) -> Path:
-    """Return the path of a run that is at its end; a repetition sets the scene up again."""
+def scene_path(setup: Setup, history: GoalHistory | None) -> Path:
+    """Return the path of a run that is at its end; a repetition sets the scene up again.
+
+    Without its ``history`` it is followed again for that.
+    """
 
     @contextmanager
     def repeat(steps: int, element: Element | None, stiffer: float) -> Iterator[Stepper]:
@@ -27,7 +30,7 @@ def scene_path(setup: Setup) -> Path:
         finally:
             again.destroy()
 
-    return Path(setup.stepper, repeat)
+    return Path(setup.stepper, repeat, history)
 
 
 def _with_steps(scene: scenes.Scene, steps: int) -> scenes.Scene:

@@ -74,6 +74,11 @@ class Setup:
     note: Note | None = None
     stiffer: float = 1.0
 
+    @property
+    def depends_on_path(self) -> bool:
+        """Whether a state depends on those before it. Collective."""
+        return self.make is None or self.problem.depends_on_path
+
     def result(self, record: Record, out: Path | None, estimate: Estimate | None = None) -> Result:
         """Return the result of the run, whose record is complete."""
         ended = record["converged"], record["status"]

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.goal_bounds import GoalLevel
 from fem_snh.accuracy.goal_errors import Estimate, GoalError, Place
 from fem_snh.accuracy.levels import LevelRow, Levels
+from fem_snh.accuracy.refinement import Lineage
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import replace_file
 from fem_snh.mesh.gmsh_model import MeshData, PhysicalGroup
@@ -35,6 +35,7 @@ Array = npt.NDArray[Any]
 #: Keys of the mesh's arrays; and beginnings of keys of errors in cells and of groups' entities,
 #: which a number follows.
 _CELLS, _NODES, _ERROR, _GROUP = "cells", "x", "error_", "group_"
+_LINEAGE = "parents", "errors_before", "rates_before"
 
 
 @dataclass(frozen=True)
@@ -47,17 +48,19 @@ class StoredLevels:
         The ``changes`` that `write_levels` was given.
     mesh : Mesh or None
         The mesh of the last level, if it is not the scene's.
+    lineage : Lineage or None
+        Where its cells come from, on rank 0.
     """
 
     changes: Mapping[str, Any]
     mesh: Mesh | None
+    lineage: Lineage | None
     _rows: list[LevelRow]
-    _least: int
     _errors: Mapping[str, Array]
 
     def restore(self, levels: Levels) -> None:
         """Set the rows of levels; the last row has no errors in cells before `restore_errors`."""
-        levels.rows, levels.least = self._rows, self._least
+        levels.rows = self._rows
 
     def restore_errors(self, row: LevelRow, domain: _dolfinx.Mesh) -> None:
         """Set the errors in this rank's cells of the last level's row."""
@@ -72,6 +75,7 @@ def write_levels(
     changes: Mapping[str, Any],
     domain: _dolfinx.Mesh,
     mesh: Mesh | None,
+    lineage: Lineage | None,
 ) -> None:
     """Write the levels so far. Collective.
 
@@ -89,17 +93,20 @@ def write_levels(
         The mesh of the last level.
     mesh : Mesh or None
         The same mesh with its groups, if it is not the scene's.
+    lineage : Lineage or None
+        Where its cells come from, on rank 0.
     """
     last = levels.rows[-1].estimate.indicators
     arrays = {f"{_ERROR}{i}": _of_cells(domain, last[name]) for i, name in enumerate(last)}
     about = {
         "scene": _identity(scene),
-        "least": levels.least,
         "rows": [_row_record(row) for row in levels.rows],
         "changes": dict(changes),
         "errors": list(last),
         "mesh": None,
     }
+    if lineage:
+        arrays |= dict(zip(_LINEAGE, lineage, strict=True))
     if mesh:
         data = gather(mesh)
         arrays |= {_CELLS: data.cells, _NODES: data.x}
@@ -158,7 +165,9 @@ def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
     if about is None:
         return None
     mesh = _mesh(folder, about["mesh"], arrays) if about["mesh"] else None
-    return StoredLevels(about["changes"], mesh, about["rows"], about["least"], about["errors"])
+    known = [arrays[key] for key in _LINEAGE if key in arrays]
+    lineage = Lineage(*known) if known else None
+    return StoredLevels(about["changes"], mesh, lineage, about["rows"], about["errors"])
 
 
 def _mesh(folder: Folder, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> Mesh:
@@ -208,7 +217,5 @@ def _row(record: dict[str, Any]) -> LevelRow:
     places = {n: Place(**p | {"largest": tuple(p["largest"])}) for n, p in found["places"].items()}
     errors = {name: GoalError(**goal) for name, goal in found["goals"].items()}
     estimate = Estimate(**found | {"goals": errors, "places": places})
-    goals = {
-        n: GoalLevel(**g | {"known": GoalError(**g["known"])}) for n, g in record["goals"].items()
-    }
+    goals = {name: GoalError(**goal) for name, goal in record["goals"].items()}
     return LevelRow(**record | {"estimate": estimate, "goals": goals})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -167,10 +168,11 @@ def _goal_rules(scene: Scene) -> Iterator[Rule]:
         yield other != at, key, at, f"{other}, as for another component"
         if at is None:
             continue
-        yield scene.time, key, at, "no value, in time"
         if isinstance(at, float):
-            ends_a_step = at > 0 and round(at * scene.steps) / scene.steps == at
-            yield not ends_a_step, key, at, f"the load of one of the {scene.steps} steps"
+            steps = scene.time.steps if scene.time else scene.steps
+            place, what = at / (scene.duration or 1.0) * steps, "time" if scene.time else "load"
+            ends_a_step = 0 < place <= steps and isclose(place, round(place), abs_tol=1e-9)
+            yield not ends_a_step, key, at, f"the {what} of one of the {steps} steps"
 
 
 def _time_rules(scene: Scene) -> Iterator[Rule]:

@@ -245,16 +245,16 @@ LARGEST = "largest"
 
 
 class GoalChoice(Table):
-    """A goal, and the load at which it is evaluated."""
+    """A goal, and the load, or time, at which it is evaluated."""
 
     name: Text = Field(description="Its name.")
     at: Annotated[
-        Annotated[Bounded, Field(ge=0, le=1)] | Literal["largest"] | None,
-        Expect("'largest', or the load of a step, from 0 to 1"),
+        Annotated[Bounded, Field(ge=0)] | Literal["largest"] | None,
+        Expect("'largest', or the load of a step, from 0 to 1; in time, the time of one [s]"),
     ] = Field(
         default=None,
-        description="The load of a step, or 'largest': that at which it differs most from its "
-        "value at the start. Default: the end, and 'largest' where loads or motions return.",
+        description="The load of a step, or its time [s], or 'largest': where it differs most from "
+        "its value at the start. Default: the end, and 'largest' where loads or motions return.",
     )
 
 

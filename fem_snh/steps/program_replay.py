@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
-from fem_snh.accuracy.goal_errors import depends_on_path
 from fem_snh.accuracy.path_errors import Path
 from fem_snh.assembly.elements import Element
 from fem_snh.problem.conditions import LoadFunction
@@ -83,7 +82,7 @@ def program_path(
     velocity : callable, optional
         The initial velocity of a motion in time: see `Dynamics.start`.
     """
-    if not depends_on_path(problem):
+    if not problem.depends_on_path:
         return None
     problem.split(problem.x)
     start = _dolfinx.function(problem.V, "start")

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, cast
 from petsc4py import PETSc
 
 from fem_snh import solver
-from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.cache import Stopwatch
 from fem_snh.choices import DEFAULT_PREDICTOR
 from fem_snh.errors import NotSettled
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.state_notes import unseen_penetrations
 from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.stability import negative_eigenvalues

@@ -113,20 +113,26 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
 def largest_error(record: Mapping[str, Any]) -> float | None:
     """Return the largest relative error of a run's goals; None without an estimate.
 
-    Errors of components are relative to the largest component. If a goal has a bound of its error,
-    the bound is used. A vector that is rounding is left out.
+    Errors of components are relative to the largest component. Where the bound of a corrected value
+    is more than the error that was added, it is added to that. A vector that is rounding is left
+    out.
     """
     vectors: dict[str, list[Mapping[str, Any]]] = {}
     for name, goal in record.get("goals", {}).items():
         if goal.get("error") is not None:
             vectors.setdefault(re.sub(r"\.[xyz]$", "", name), []).append(goal)
     ratios = [
-        max(goal.get("bound", abs(goal["error"])) for goal in goals)
-        / max(abs(goal["value"]) for goal in goals)
+        max(map(_size, goals)) / max(abs(goal["value"]) for goal in goals)
         for goals in vectors.values()
         if any(goal.get("relative") is not None for goal in goals)
     ]
     return max(ratios, default=None)
+
+
+def _size(goal: Mapping[str, Any]) -> float:
+    """Return the size of the error of a goal's value."""
+    error, bound = abs(goal["error"]), goal.get("bound") or 0.0
+    return float(error + bound if bound > error else error)
 
 
 def failure_message(log: Path, code: int) -> str:

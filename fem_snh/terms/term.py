@@ -48,9 +48,6 @@ class Term:
     eliminates : bool
         Whether the displacements of some nodes are functions of a few unknowns, as in
         `fem_snh.terms.rigid_parts.RigidParts`.
-    unsettled_penalty : float or None
-        Uncertainty of the correction of a goal for finite penalties, as a fraction of the
-        correction. None: the default of `fem_snh.accuracy.differences`.
     note : str
         A limitation that a user should know although the solver converges; empty for none.
     """
@@ -64,7 +61,6 @@ class Term:
     has_penalties: bool = False
     is_contact: bool = False
     eliminates: bool = False
-    unsettled_penalty: float | None = None
     note: str = ""
 
     @property

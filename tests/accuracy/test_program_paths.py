@@ -29,7 +29,7 @@ def cube(comm):
 def test_friction_has_the_errors_of_the_scene(comm):
     scene = slide().model_copy(update={"predictor": "extrapolate"})
     goals = {"goals": ["plate.force", "energy"]}
-    expected = solve(scenes.load(scene, accuracy=goals), comm=comm).goals
+    expected = solve(scenes.load(scene, accuracy=goals), comm=comm).estimate.goals
     obstacle = fem_snh.Obstacle(**PLATE)
     problem = program(cube(comm), {"bottom": 0.0}, obstacle)
     *_, row = problem.steps(4)
@@ -37,13 +37,13 @@ def test_friction_has_the_errors_of_the_scene(comm):
     estimate = problem.estimate_error([obstacle, "energy"])
     assert not estimate.reason
     np.testing.assert_array_equal(problem.u.x.array, before)
-    forces = np.array([expected[f"plate.force.{axis}"]["error"] for axis in "xyz"])
+    forces = np.array([expected[f"plate.force.{axis}"].estimate for axis in "xyz"])
     assert abs(forces[2]) > 0.005 * abs(row["obstacles"]["plate"]["force"][2])
     for name, goal in expected.items():
-        found, parts = estimate.goals[name].parts, goal["parts"]
+        found, parts = estimate.goals[name].parts, goal.parts
         assert set(found) == {"load steps", "mesh", "penalty"}
         for part, value in found.items():
-            size = np.abs(forces).max() if "force" in name else abs(goal["value"])
+            size = np.abs(forces).max() if "force" in name else abs(goal.value)
             assert value == pytest.approx(parts[part], rel=1e-3, abs=1e-4 * size), (name, part)
 
 

@@ -8,9 +8,9 @@ from dolfinx_programs import converged, unit_cube
 from rigid_bodies import HINGE_BETWEEN, bushing, bushing_mesh, corner_program
 from running import solve
 
-from fem_snh.accuracy.duals import HessianSolver, Linearisation
-from fem_snh.accuracy.goals import ReactionGoal, RigidGoal
 from fem_snh.mesh.mesh import centroid
+from fem_snh.problem.duals import HessianSolver, Linearisation
+from fem_snh.problem.goals import ReactionGoal, RigidGoal
 from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Rigid, Scene
 from fem_snh.terms.rigid import RESULTS
 

@@ -13,7 +13,6 @@ from contact_problems import contact_problem, plane, press, translation
 from test_sharp_contact import DIAGONAL
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.state_notes import penetration_note
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.contact.body_contact import BodyContact, BodyPair
@@ -22,6 +21,7 @@ from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
+from fem_snh.problem.state_notes import penetration_note
 
 mpi = pytest.mark.mpi
 

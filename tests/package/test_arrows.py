@@ -41,7 +41,7 @@ LAZY = {
     "terms": "tables are read and validated without PETSc; their terms need it",
     "scenes": "scenes are listed without sympy, which checks materials; without numpy's bones",
     "problem.definition": "bones are placed where there are some",
-    "accuracy.goals": "sympy splits energies for those who ask for a stress",
+    "problem.goals": "sympy splits energies for those who ask for a stress",
     "studies": "pictures and gmsh are for the studies that need them",
     "viewing": "each kind of export and of page imports its own library",
 }
@@ -61,7 +61,7 @@ THIRD_PARTY = {
     "basix": {"_dolfinx"},
     "ffcx": {"_dolfinx"},
     "ufl": {
-        "_dolfinx", "kernels.ufl_forms", "terms", "accuracy.goals", "accuracy.program_goals",
+        "_dolfinx", "kernels.ufl_forms", "terms", "problem.goals", "problem.program_goals",
         "problem.definition", "problem.mixed.pressure_masses", "runs.output.nodal_projection",
     },
     "gmsh": {"mesh"},

@@ -11,7 +11,7 @@ import pytest
 from note_scenes import bushing, cube
 from running import solve
 
-from fem_snh.accuracy.state_notes import may_lock, pressure_oscillation
+from fem_snh.problem.state_notes import may_lock, pressure_oscillation
 
 pytestmark = pytest.mark.one_debian
 

@@ -18,9 +18,9 @@ from scipy.optimize import minimize_scalar
 from time_scenes import DOWN, in_time
 
 import fem_snh
-from fem_snh.accuracy.state_notes import inversion_note
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import ResultNote
+from fem_snh.problem.state_notes import inversion_note
 from fem_snh.scenes import MaterialChoice, Scene, Start
 
 mpi = pytest.mark.mpi

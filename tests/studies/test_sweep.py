@@ -103,7 +103,7 @@ def test_rows_have_seconds_and_errors(tmp_path: Path) -> None:
     more = ["--set", "angle=0.2", "--set", "petsc.snes_scaled_tol=1e-3,1e-7"]
     assert main([*words.split(), *more, "--out", str(tmp_path)]) == 0
     table = pd.read_csv(tmp_path / "sweep.csv")
-    assert len(table) == 4 and table["error"].between(1e-4, 10).all()
+    assert len(table) == 4 and table["error"].between(1e-4, 20).all()
     for _, row in table.iterrows():
         record = json.loads((tmp_path / row["point"] / "run.json").read_text())
         seconds, goal = record["seconds"], record["goals"]["edge.y"]

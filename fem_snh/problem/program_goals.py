@@ -10,7 +10,10 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import (
+from fem_snh.assembly.regions import cells_or_facets
+from fem_snh.errors import BadInput, bad_value, check_number, choose
+from fem_snh.problem.conditions import condition_of, is_condition
+from fem_snh.problem.goals import (
     AXES,
     CellsGoal,
     EnergyGoal,
@@ -26,9 +29,6 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
     names_of,
 )
-from fem_snh.assembly.regions import cells_or_facets
-from fem_snh.errors import BadInput, bad_value, check_number, choose
-from fem_snh.problem.conditions import condition_of, is_condition
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import (
     check_point,

@@ -26,8 +26,6 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.duals import Dual, Linearisation, dual_of_reaction
-from fem_snh.accuracy.state_notes import largest_displacement
 from fem_snh.assembly.unknowns import (
     add_ghosts,
     copy_to_function,
@@ -36,9 +34,11 @@ from fem_snh.assembly.unknowns import (
 )
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.material import Material
+from fem_snh.problem.duals import Dual, Linearisation, dual_of_reaction
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation, weighted
+from fem_snh.problem.state_notes import largest_displacement
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import ForceTerm, Term
 
@@ -70,10 +70,18 @@ class Goal:
     ----------
     names, kind
         The parameters.
+    unasked : set of str
+        Names of components that complete a vector and were not asked for: they are not shown.
     """
 
     def __init__(self, names: Sequence[str], kind: str = "functional") -> None:
         self.names, self.kind = list(names), kind
+        self.unasked: set[str] = set()
+
+    @property
+    def asked(self) -> list[str]:
+        """The names that were asked for."""
+        return [name for name in self.names if name not in self.unasked]
 
     @property
     def is_force(self) -> bool:
@@ -109,6 +117,12 @@ class Goal:
 def names_of(goals: Sequence[Goal]) -> list[str]:
     """Return the names of all scalars of some goals."""
     return [name for goal in goals for name in goal.names]
+
+
+def slices_of(goals: Sequence[Goal]) -> list[slice]:
+    """Return the places of the components of each goal among all scalars."""
+    ends = np.cumsum([len(goal.names) for goal in goals])
+    return [slice(end - len(goal.names), end) for goal, end in zip(goals, ends, strict=True)]
 
 
 def bind_all(goals: Sequence[Goal], problem: Problem) -> Callable[[], Array]:
@@ -223,11 +237,6 @@ class MeanGoal(WeightedGoal):
     ) -> None:
         super().__init__(name, components)
         self._measure = measure
-
-    @property
-    def on_surface(self) -> bool:
-        """Whether it is the mean over facets."""
-        return str(self._measure.integral_type()) != "cell"
 
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         V, components = problem.V, problem.kinematics.components
@@ -446,6 +455,18 @@ class StressGoal(CellsGoal):
         """Return the weight of the mean in UFL, and the degree of its quadrature."""
         return _dolfinx.constant(domain, 1.0), _DEGREE
 
+    def size_of_change(self, problem: Problem, start: PETSc.Vec) -> float:
+        """Return the mean of the size of what the stress changed by from a state [Pa]. Collective.
+
+        It has no sign: the change of the mean may be small by chance.
+        """
+        before = _dolfinx.function(problem.V, "before")
+        copy_to_function(problem.split(start)[0], before)
+        whole, size = map(_dolfinx.form, self._integrals(problem, before))
+        problem.split(problem.x)
+        change, volume = map(_dolfinx.assemble_scalar, (whole, size))
+        return float(problem.modulus * change / volume)
+
     def _integrals(self, problem: Problem, other: Any = None) -> tuple[Any, Any]:
         """Return the forms of the integral of the stress over E, and of the weight.
 
@@ -512,18 +533,6 @@ class PointStressGoal(StressGoal):
             raise bad_value("radius", f"{radius:g}", accepted)
         self._place, self._radius = place, radius
         self._degree = _DEGREE + 4 * ceil(size / radius)
-
-    def size_of_change(self, problem: Problem, start: PETSc.Vec) -> float:
-        """Return the mean of the size of what the stress changed by from a state [Pa]. Collective.
-
-        It has no sign: the change of the mean may be small by chance.
-        """
-        before = _dolfinx.function(problem.V, "before")
-        copy_to_function(problem.split(start)[0], before)
-        whole, size = map(_dolfinx.form, self._integrals(problem, before))
-        problem.split(problem.x)
-        change, volume = map(_dolfinx.assemble_scalar, (whole, size))
-        return float(problem.modulus * change / volume)
 
     def _weight(self, domain: _dolfinx.Mesh) -> tuple[Any, int]:
         """See `StressGoal`."""
