@@ -351,8 +351,9 @@ class Problem:
             at_rest = at_rest and force.norm() == 0.0
         if self.rigid:
             decisive[: self.owned_displacements] |= self._beside_rigid
-        if at_rest:
+        if at_rest:  # unknowns of rigid parts stand for all of their nodes, wherever these are
             decisive[:] = True
+            sizes.shift(self.length)
         sizes.array[decisive] += positions.array_r[decisive]
         if any(term.rounds_identity for term in self.terms):
             sizes.array[:] += self.length / self.regime.nodes ** (1 / self.kinematics.dim)
