@@ -28,7 +28,7 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.unknowns import local_values
-from fem_snh.problem.goals import Goal, names_of, slices_of
+from fem_snh.problem.goals import Goal, bind_all, names_of, slices_of
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.state_notes import is_at_rest
 
@@ -103,11 +103,8 @@ class LiftedGoals:
     ) -> None:
         self.lift, self.goals, self.estimate = lift, goals, estimate
         self.values, self.scales = values_of(estimate, goals), scales_of(estimate, goals)
-        self._functions = [goal.bind(lift.lifted) for goal in goals]
-
-    def evaluate(self) -> Array:
-        """Return the goals in the present state of the lifted problem."""
-        return np.array([value for function in self._functions for value in function()])
+        #: Returns the goals in the present state of the lifted problem, (scalars,).
+        self.evaluate = bind_all(goals, lift.lifted)
 
     def iterate(self) -> Array:
         """Make a Newton iteration, and return the goals.

@@ -59,13 +59,13 @@ def penalty_errors(
     if not problem.scale_penalties(STIFFER):
         return None
     problem.scale_penalties(1 / STIFFER)
-    present = 1.0
+    present, evaluate = 1.0, bind_all(goals, problem)
 
     def stiffened(factor: float) -> Array:
         nonlocal present
         problem.scale_penalties(factor / present)
         present = factor
-        found = _goals_after(problem, snes, goals, outcome)
+        found = _goals_after(problem, snes, evaluate, outcome)
         if found is None:
             raise NoEstimate(
                 f"no equilibrium of {problem.element.name} was found with {factor:g} times the "
@@ -76,10 +76,10 @@ def penalty_errors(
 
     with _solver(problem) as snes:
         try:
-            values = bind_all(goals, problem)()
+            values = evaluate()
             # What the run's tolerance left is no part of what penalties change.
             snes.getPythonContext().force_iteration = True
-            further = _goals_after(problem, snes, goals, outcome)
+            further = _goals_after(problem, snes, evaluate, outcome)
             return without_penalties(
                 goals, values if further is None else further, scales, stiffened
             )
@@ -128,14 +128,17 @@ def penalty_part(goals: Sequence[Goal], levels: Sequence[Array]) -> tuple[Array,
 
 
 def _goals_after(
-    problem: Problem, snes: PETSc.SNES, goals: Sequence[Goal], outcome: solver.StepOutcome
+    problem: Problem,
+    snes: PETSc.SNES,
+    evaluate: Callable[[], Array],
+    outcome: solver.StepOutcome,
 ) -> Array | None:
-    """Return the goals of a further solve; None if it fails. Collective."""
+    """Return the goals after a further solve; None if it fails. Collective."""
     solver.solve_until_settled(problem, snes, outcome)
     if not outcome.converged:
         return None
     problem.split(problem.x)
-    return bind_all(goals, problem)()
+    return evaluate()
 
 
 @contextmanager
