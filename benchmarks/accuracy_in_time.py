@@ -44,7 +44,7 @@ def rows(scenes: str = "swing,bounce", within: float = 0.01, exact: bool = True)
     Yields
     ------
     dict
-        ``value``, ``error``, ``corrected``, ``uncertainty`` of the goal; in the last row ``exact``,
+        ``value``, ``error``, ``corrected``, ``bound`` of the goal; in the last row ``exact``,
         a reference with its relative uncertainty ``exact_error``, and ``true_error`` of the value
         that the last level knows best, and ``processor``, the processor seconds of all levels.
     """

@@ -80,5 +80,7 @@ DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
 #: a few L-BFGS iterations (measured: python -m benchmarks slender).
 FACTORS_LBFGS_MAX_IT = 150
 
+#: Where a goal is evaluated that is to be farthest from its value at the start.
+LARGEST = "largest"
 #: Loads of different paths are the same if they are rounded to so many digits.
 LOAD_DIGITS = 9

@@ -180,7 +180,7 @@ class Levels:
         self.limit = ""
 
     def add(self, row: LevelRow, estimate: Estimate | None) -> None:
-        """Add a level with its estimate."""
+        """Add a level with its estimate, which `measure` has given bounds."""
         row.estimate = estimate = estimate or Estimate(reason="the load steps did not converge")
         untouched = self._untouched(row)
         known = {name: g for name, g in estimate.goals.items() if vector_of(name) not in untouched}
@@ -191,12 +191,19 @@ class Levels:
             reasons = [f"{name}: {known[name].reason}" for name in unknown if known[name].reason]
             row.reason = reasons[0] if reasons else f"no estimate of {', '.join(unknown)}"
         else:
-            coarser = [before for before in self.rows if before.dofs < row.dofs]
-            goals = [before.goals for before in coarser]
-            row.goals = with_bounds(known, goals, self._left_by(row, coarser))
-            if not self.named:
-                row.goals = with_scales_of_forces(row.goals)
+            row.goals = known
         self.rows.append(row)
+
+    def measure(self, row: LevelRow, estimate: Estimate) -> None:
+        """Add to an estimate the bounds that it and the levels so far, on larger cells, measure.
+
+        `add` is to follow.
+        """
+        coarser = [before for before in self.rows if before.dofs < row.dofs]
+        goals = [before.goals for before in coarser]
+        estimate.goals = with_bounds(estimate.goals, goals, self._left_by(row, coarser))
+        if not self.named:
+            estimate.goals = with_scales_of_forces(estimate.goals)
 
     def _left_by(self, row: LevelRow, coarser: Sequence[LevelRow]) -> float:
         """Return the part of the errors that a level leaves of the coarser one, if smooth."""

@@ -35,10 +35,10 @@ from fem_snh.accuracy.goal_errors import (
 from fem_snh.accuracy.lift import element_of_factor, lifted_elements
 from fem_snh.accuracy.penalties import STIFFER, without_penalties
 from fem_snh.assembly.elements import Element
-from fem_snh.choices import LOAD_DIGITS
+from fem_snh.choices import LARGEST, LOAD_DIGITS
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import Mesh
-from fem_snh.problem.goals import Goal, bind_all, names_of, slices_of
+from fem_snh.problem.goals import Goal, bind_all, is_as_far, names_of, slices_of
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
@@ -56,9 +56,6 @@ HALVES = 4
 #: Part of a path, up to where a goal is evaluated, whose common instants are one vector with it:
 #: errors of a vibration change their sign, and are small at an instant by chance.
 _LATE = 0.5
-#: Sizes of a goal are equal, and the later load counts, if they differ by less than this part of
-#: the size plus the value at the start.
-_SAME = 1e-6
 #: The least ratio of the numbers of steps that are compared.
 _LEAST_RATIO = 1.5
 
@@ -71,7 +68,6 @@ Repeat = Callable[[int, Element | None, float], AbstractContextManager[Any]]
 #: Where a goal of a path is evaluated: at its end, at a load, or where it is farthest from its
 #: value at the start.
 At = float | str | None
-LARGEST = "largest"
 
 
 class GoalHistory:
@@ -96,8 +92,9 @@ class GoalHistory:
         self.add()
 
     def add(self) -> None:
-        """Add the goals at the present load."""
-        self.values[round(self._problem.load, LOAD_DIGITS)] = self._evaluate()
+        """Add the goals at the present load: the same on all ranks, which compare them."""
+        values = self._problem.comm.bcast(self._evaluate())
+        self.values[round(self._problem.load, LOAD_DIGITS)] = values
 
 
 class Path:
@@ -173,12 +170,13 @@ class Followed(NamedTuple):
     saturation: float = 1.0
 
     def at(self, load: float) -> Array:
-        """Return the goals at a load, between two steps linearly."""
+        """Return the goals at a load; between steps by a cubic spline, as lines cut corners."""
         if load in self.values:
             return self.values[load]
+        from scipy.interpolate import CubicSpline
+
         loads = sorted(self.values)
-        every = np.array([self.values[each] for each in loads])
-        return np.array([np.interp(load, loads, column) for column in every.T])
+        return np.asarray(CubicSpline(loads, [self.values[each] for each in loads])(load))
 
     def load_of(self, part: slice, at: At) -> float:
         """Return the load at which a goal, a ``part`` of the scalars, is evaluated."""
@@ -187,10 +185,9 @@ class Followed(NamedTuple):
         if at != LARGEST:
             return round(float(at), LOAD_DIGITS)
         start = self.values[0.0][part]
-        sizes = {load: norm(values[part] - start) for load, values in self.values.items()}
-        largest = max(sizes.values())
-        same = _SAME * (largest + norm(start))
-        return max(load for load, size in sizes.items() if size >= largest - same)
+        sizes = {load: float(norm(values[part] - start)) for load, values in self.values.items()}
+        farthest, size_at_start = max(sizes.values()), float(norm(start))
+        return max(load for load, size in sizes.items() if is_as_far(size, farthest, size_at_start))
 
 
 def end_of(stepper: Any, problem: Problem, goals: Sequence[Goal], what: str) -> Followed:

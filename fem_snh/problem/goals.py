@@ -119,6 +119,14 @@ def names_of(goals: Sequence[Goal]) -> list[str]:
     return [name for goal in goals for name in goal.names]
 
 
+def is_as_far(size: float, farthest: float, start: float) -> bool:
+    """Return whether a goal is as far from its value at the start as it was, or farther.
+
+    Sizes are equal that differ by rounding: by a millionth of that and of the value at the start.
+    """
+    return size >= farthest - 1e-6 * (farthest + start)
+
+
 def slices_of(goals: Sequence[Goal]) -> list[slice]:
     """Return the places of the components of each goal among all scalars."""
     ends = np.cumsum([len(goal.names) for goal in goals])

@@ -169,7 +169,7 @@ def _run(
 
             on_root(comm, copy_surfaces, scene, folder)
         again = partial(_run, comm, printed=Progress(comm, False), note=None, start=start)
-        estimate = _solve(setup, recorder, printed, goals, None if level or alone else again)
+        estimate = _solve(setup, recorder, printed, goals, level, None if alone else again)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -188,12 +188,13 @@ def _solve(
     recorder: Recorder,
     printed: Progress,
     goals: Sequence[Goal],
+    level: Level | None,
     again: Callable[..., Result] | None,
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective.
 
-    Returns the errors; None if there are no goals or a step failed. A run of a scene ``again``, on
-    a coarser mesh, measures them.
+    Returns the errors; None if there are no goals or a step failed. The levels before measure them,
+    or a run of the scene ``again`` on a coarser mesh.
     """
     estimate = None
     with _interrupts(setup) as interrupts, recorder, solver.petsc_failures():
@@ -214,8 +215,7 @@ def _solve(
             fields, states = recorder.writes_fields, recorder.states
             with untimed(setup.problem):
                 estimate = estimate_errors(setup, goals, printed.estimating, fields, states)
-                if again:
-                    measure_errors(setup, estimate, again, printed.line)
+                measure_errors(setup, estimate, level, again, printed.line)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

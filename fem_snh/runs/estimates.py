@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import inf
+from typing import TYPE_CHECKING
 
 from fem_snh.accuracy.estimate import (
     Announce,
@@ -28,6 +29,9 @@ from fem_snh.runs.scene_goals import GoalStates, goal_loads
 from fem_snh.runs.scene_replay import scene_path
 from fem_snh.runs.setup import Setup
 from fem_snh.scenes import Scene
+
+if TYPE_CHECKING:
+    from fem_snh.runs.level_runs import Level
 
 
 def estimate_errors(
@@ -73,11 +77,15 @@ def estimate_errors(
 
 
 def measure_errors(
-    setup: Setup, estimate: Estimate, again: Callable[..., Result], printed: Callable[[str], None]
+    setup: Setup,
+    estimate: Estimate,
+    level: Level | None,
+    again: Callable[..., Result] | None,
+    printed: Callable[[str], None],
 ) -> None:
-    """Add the bounds that a run with half the cells along an edge measures. Collective.
+    """Add the bounds that other levels measure, or a run with half the cells. Collective.
 
-    In time it has half the steps, too.
+    That run has half the cells along an edge, in time half the steps, too.
 
     Parameters
     ----------
@@ -85,12 +93,16 @@ def measure_errors(
         The run, at its end.
     estimate : Estimate
         The estimate of its errors.
-    again : callable
-        Runs another scene.
+    level : Level or None
+        The level of a run to an accuracy; None: another run measures the errors.
+    again : callable or None
+        Runs another scene; None: nothing measures them.
     printed : callable
         Prints a line.
     """
-    if estimate.reason:
+    if level:
+        level.measure(estimate)
+    if level or again is None or estimate.reason:
         return
     scene, why = coarser_scene(setup.scene)
     if scene is not None:

@@ -30,7 +30,7 @@ from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.problem.state_notes import REPLACEMENTS
 from fem_snh.runs.progress import Progress
-from fem_snh.scenes import Geometry, Lattice, Scene
+from fem_snh.scenes import Geometry, Lattice, Scene, Tetrahedra
 from fem_snh.scenes.build import mesh_with_sizes
 from fem_snh.solver.options import OPTIONS
 
@@ -186,6 +186,9 @@ def coarser_scene(scene: Scene) -> tuple[Scene | None, str]:
     if isinstance(scene.mesh, Lattice):
         cell = 2 * scene.mesh.cell
         update["mesh"], what = scene.mesh.model_copy(update={"cell": cell}), f"cell = {cell:g}"
+    elif isinstance(scene.mesh, Tetrahedra):
+        size = 2 * scene.mesh.size
+        update["mesh"], what = scene.mesh.model_copy(update={"size": size}), f"size = {size:g}"
     elif scene.cells is None:
         return None, "the mesh is that of a file, and none is coarser"
     else:

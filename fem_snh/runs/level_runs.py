@@ -114,6 +114,11 @@ class Level:
             problem.set_load(0.0)
             self.before = None
 
+    def measure(self, estimate: Estimate) -> None:
+        """Add the bounds that the levels so far measure to the estimate of this one."""
+        assert self.row is not None
+        self.levels.measure(self.row, estimate)
+
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level's row to `levels`; put their record and `notes` into the run's record."""
         in_time = "time" in record["steps"][-1]
@@ -129,9 +134,6 @@ class Level:
         row.steps = sum(step["converged"] for step in rows) if followed else 0
         row.kind = "time" if in_time else "load"
         self.levels.add(row, estimate)
-        for name, goal in row.goals.items():
-            if name in record.get("goals", {}):
-                record["goals"][name] |= goal.record()
         if not row.goals and not whole:  # the next level follows the load steps again
             row.seconds += sum(step["seconds"] for step in record["steps"][:-1])
         record["accuracy"] = self.levels.record()

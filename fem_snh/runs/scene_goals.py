@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from math import isclose
 from typing import Any, NamedTuple
 
 from petsc4py import PETSc
@@ -15,6 +16,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_forces
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.assembly.regions import boundary_facets, owned_cells
+from fem_snh.choices import LARGEST, LOAD_DIGITS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.goals import (
@@ -28,12 +30,13 @@ from fem_snh.problem.goals import (
     StressGoal,
     TermGoal,
     VolumeGoal,
+    is_as_far,
     vector_of,
 )
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import is_free
 from fem_snh.runs.setup import Setup
-from fem_snh.scenes import LARGEST, GoalName, Scene, read_goal, term_goals
+from fem_snh.scenes import GoalName, Scene, read_goal, term_goals
 from fem_snh.tables.amplitudes import loads_return
 
 Array = npt.NDArray[Any]
@@ -44,10 +47,6 @@ _KEY = "accuracy.goals"
 _ORIGIN = (0.0, 0.0, 0.0)
 #: Quadrature degree of means: exact for a displacement of degree 3 on cells with flat faces.
 _MEAN_DEGREE = 5
-
-#: Sizes of a goal are equal, and the later state counts, if they differ by less than this part of
-#: the size plus the value at the start.
-_SAME = 1e-6
 
 
 def scene_goals(setup: Setup) -> list[Goal]:
@@ -219,12 +218,8 @@ def goal_loads(scene: Scene, goals: Sequence[Goal]) -> dict[Goal, float | str]:
     given = {vector_of(goal.name): goal.at for goal in named}
     default = LARGEST if _returns(scene) else None
     loads = {goal: given.get(vector_of(goal.names[0])) or default for goal in goals}
-    steps, end = scene.time.steps if scene.time else scene.steps, scene.duration or 1.0
-    return {
-        goal: round(at / end * steps) / steps if isinstance(at, float) else at
-        for goal, at in loads.items()
-        if at
-    }
+    end = scene.duration or 1.0
+    return {g: at / end if isinstance(at, float) else at for g, at in loads.items() if at}
 
 
 class _State(NamedTuple):
@@ -284,8 +279,11 @@ class GoalStates:
             start, largest = self._start[goal], self._sizes[goal]
             size = float(np.linalg.norm(np.array(self._functions[goal]()) - start))
             size = problem.comm.bcast(size)  # all ranks keep the same states
-            same = _SAME * (largest + float(np.linalg.norm(start)))
-            if (at == LARGEST and size >= largest - same) or at == problem.load:
+            if at == LARGEST:
+                is_there = is_as_far(size, largest, float(np.linalg.norm(start)))
+            else:
+                is_there = isclose(float(at), problem.load, abs_tol=10**-LOAD_DIGITS)
+            if is_there:
                 state = state or _State(problem.load, problem.x.copy())
                 self._sizes[goal], self._states[goal] = max(size, largest), state
 

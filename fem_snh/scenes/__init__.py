@@ -17,7 +17,6 @@ from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._consistency import check_consistency, condensation_reason, group_references
 from fem_snh.scenes._material import MaterialChoice
 from fem_snh.scenes._outputs import (
-    LARGEST,
     Accuracy,
     Geometry,
     GoalName,
@@ -52,7 +51,6 @@ from fem_snh.terms.rigid import Rigid
 __all__ = [
     "FEATURES",
     "GROUP",
-    "LARGEST",
     "Accuracy",
     "Amplitude",
     "BoneChoice",

@@ -240,10 +240,6 @@ _ACCEPTED = (
 )
 
 
-#: The value of ``GoalChoice.at`` for the load at which the goal is farthest from its initial value.
-LARGEST = "largest"
-
-
 class GoalChoice(Table):
     """A goal, and the load, or time, at which it is evaluated."""
 

@@ -135,7 +135,9 @@ def test_bounds_hold_where_estimates_find_a_part_of_the_error(found, ratio):
         row = LevelRow("P2", 2, 8 * 4**k, 64 * 4**k, fineness=2.0**k)
         error = found * true
         goal = GoalError(1 - true, error, 1.0, {"mesh": error}, {"mesh": 0.5 * abs(error)})
-        levels.add(row, Estimate(goals={"a": goal}))
+        estimate = Estimate(goals={"a": goal})
+        levels.measure(row, estimate)
+        levels.add(row, estimate)
         goal = levels.rows[-1].goals["a"]
         if k == 0:
             assert goal.bound is None and not levels.reached
@@ -202,7 +204,9 @@ def test_each_level_in_time_differs_from_the_last():
             missed = {source: 0.5 * part for source, part in parts.items()}
             goal = GoalError(value, mesh + steps, 1.0, parts, missed)
             row = LevelRow("Q2", 2, 64, 500, 1.0, steps=10)
-            levels.add(row, Estimate(goals={"a": goal}))
+            estimate = Estimate(goals={"a": goal})
+            levels.measure(row, estimate)
+            levels.add(row, estimate)
         assert levels.reached or levels.shorter_steps() > 1 or not levels.mesh_suffices
 
 

@@ -266,3 +266,21 @@ def test_goals_at_a_time_and_where_they_are_largest():
     goal = found.estimate.goals["corner.y"]
     left = exact - goal.value - goal.parts["time steps"]
     assert abs(left) < goal.missed["time steps"]
+
+
+@pytest.mark.parametrize("within", [None, 0.02])
+def test_a_time_that_ends_no_step_of_another_level(within):
+    """With 12 and 16 steps it was taken at the step beside it: 4 and 6 % of the time away."""
+    accuracy = {"goals": [{"name": "tip.z", "at": 0.2}], "within": within}
+    keys = SWING | {"probe": TIP}
+    scene = in_time({"duration": 0.5, "steps": 20}, **keys)
+    found = solve(scene.model_copy(update={"accuracy": Accuracy.model_validate(accuracy)}))
+    goal, record = found.estimate.goals["tip.z"], found.record
+    assert found.estimate.loads["tip.z"] == 0.4
+    fine = in_time({"duration": 0.2, "steps": 32}, element="Q2Q1", mesh=Geometry(source="cube"),
+                   cells=6, **keys)  # fmt: skip
+    assert abs(goal.corrected - tip(solve(fine))) < goal.bound
+    # One answer: that of the levels is that of the run.
+    assert record["goals"]["tip.z"]["corrected"] == goal.corrected
+    if within:
+        assert record["accuracy"]["levels"][-1]["goals"]["tip.z"]["bound"] == goal.bound
