@@ -16,7 +16,7 @@ from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Tractio
 _ELEMENTS = "P1,Q1,Q1P0,P2,P2P0,P2P1,Q2,Q2Q1"
 #: Cells of the three meshes from whose solutions the exact value is extrapolated, each twice as
 #: fine as the one before; and the element.
-_REFERENCES = {
+REFERENCES = {
     "cook": ((8, 16, 32), "Q2Q1"),
     "twist": ((3, 6, 12), "Q2Q1"),
     "block": ((2, 4, 8), "Q2Q1"),
@@ -157,7 +157,7 @@ def summary(rows: list[Row]) -> Row:
 @cache
 def exact(scene: str, nu: float) -> Mapping[str, float]:
     """Return the goals, extrapolated from three meshes by their observed order."""
-    meshes, element = _REFERENCES[scene]
+    meshes, element = REFERENCES[scene]
     found = []
     for cells in meshes:
         result = fem_snh.run(scene_of(scene, nu, element, cells), progress=False)

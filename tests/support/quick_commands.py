@@ -14,7 +14,7 @@ QUICK = {
     f"{BENCH} random_accuracy --families": "--families revolved --count 1 --first 4 --share 0.1",
     f"{BENCH} random_accuracy --families rubbing": "--count 1 --first 3",
     f"{BENCH} random_accuracy --families moving": "--count 1 --first 2 --share 0.2",
-    f"{BENCH} asked_accuracy": "--scenes tube --share 0.1 --exact false",
+    f"{BENCH} asked_accuracy": "--scenes sleeve --share 0.1",
     f"{BENCH} assembly": "--elements Q1 --material stable_neo_hookean --cells 2 --repeat 1",
     f"{BENCH} contact_patch": "--elements Q1 --upper 2 --stiffness 1 --methods penalty",
     f"{BENCH} contact_methods": "--scenes patch --methods penalty",
