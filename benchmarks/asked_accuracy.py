@@ -21,7 +21,7 @@ from fem_snh.errors import choose
 _BEYOND, _WRONG, _SILENT = 3, 1, 4
 
 
-def rows(share: float = 0.01, scenes: str = "", max_time: float = 60.0) -> Iterator[Row]:
+def rows(share: float = 0.01, scenes: str = "", max_time: float = 120.0) -> Iterator[Row]:
     """Yield one row for each scene; then a summary.
 
     Parameters

@@ -113,7 +113,7 @@ def limit(cells: list[int], values: list[float]) -> Row:
         order = float(brentq(lambda p: ratio(p) - found, *_ORDERS))
         step = last / ((n[2] / n[1]) ** order - 1)
     value = values[-1] + step
-    error = max(abs(step), _LEAST * abs(last)) if step else abs(last)
+    error = max(abs(step), _LEAST * abs(last)) if step else max(abs(last), _LEAST * abs(before))
     if step and len(values) > 3:
         before = limit(cells[:-1], values[:-1])["value"]
         error = min(error, max(abs(value - before), _OF_STEP * abs(step)))
