@@ -61,7 +61,9 @@ def measure(values: Array, estimates: Array, missed: Array | None = None) -> Mea
     An effectivity from 0.5 to 1.5 confirms the estimate, which is added. One outside, on the same
     side as that of the levels before and of about its size, is confirmed: the measured error is
     added; else the mean of both errors, which differs from the estimate by half of it at most. The
-    bounds are what the estimate may miss, at least the difference of estimated and measured error.
+    bounds are what the estimate may miss, at least the difference of estimated and measured error;
+    without confirmation nothing says that an error has decreased, and they are the estimate of the
+    level before, and by how much values with their estimates have changed.
     What the change of a vector has that is not parallel to that of the estimate decreases as the
     estimate does, and is added to the bounds.
 
@@ -83,6 +85,8 @@ def measure(values: Array, estimates: Array, missed: Array | None = None) -> Mea
         mean = min(max((1 + theta) / 2, 1 - MISSED), 1 + MISSED)
         factor = max(theta, 0.0) if confirmed else mean
     bounds = np.maximum(missed, abs(theta - 1) * np.abs(e))
+    if not confirmed:
+        bounds = np.maximum(bounds, np.abs(values[-1] + e - values[-2] - before) + np.abs(before))
     bounds = np.maximum(bounds, OF_VECTOR * bounds.max(initial=0.0))
     largest = float(np.abs(before).max())
     ratio = min(float(np.abs(e).max()) / largest, _SLOWEST) if largest else _SLOWEST

@@ -89,8 +89,6 @@ class GoalError:
         Of the estimate's part of the mesh, in the error.
     confirmed : bool
         Whether the effectivity confirms the estimate.
-    change : float
-        Of the value, from the level before.
     small : bool
         Whether `scale` is a part of that of a larger force.
     least : float
@@ -110,7 +108,6 @@ class GoalError:
     theta: float = nan
     factor: float = 1.0
     confirmed: bool = True
-    change: float = 0.0
     small: bool = False
     least: float = 0.0
     asked: bool = True
@@ -155,21 +152,30 @@ class GoalError:
             return inf
         return self.bound / self.scale if self.scale > 0 else 0.0
 
-    def is_within(self, asked: float) -> bool:
-        """Return whether the bound is within a request.
+    def known_from(self, coarser: GoalError) -> GoalError:
+        """Return the goal with its difference to the corrected value of a coarser level.
 
-        Where the estimate is not confirmed, the correction and the last change count in full.
+        If it is larger than that level's own by more than the bound, it is the bound.
         """
-        doubt = 0.0 if self.confirmed else abs(self.error or 0.0) + abs(self.change)
-        return self.within <= asked and (self.bound or 0.0) + doubt <= asked * self.scale
+        if coarser.corrected is None or coarser.bound is None:
+            return replace(self, reason=coarser.reason)
+        error, bound = coarser.corrected - self.value, coarser.bound
+        if abs(error) > abs(coarser.error or 0.0) + bound:
+            bound = abs(error)
+        parts, missed = {"mesh": error}, {"mesh": bound}
+        return replace(
+            coarser, value=self.value, estimate=error, parts=parts, missed=missed, factor=1.0,
+            bound=bound,
+        )  # fmt: skip
 
     def contribution(self, source: str) -> float:
         """Return what a part of the error adds to the bound, over the scale.
 
-        What levels measured beside what the parts may miss is added to that of the mesh.
+        What levels measured beside what the parts may miss is added to that of the mesh. An
+        estimate that is not confirmed adds what it may miss: the next level may confirm it.
         """
         part = self.missed.get(source, 0.0)
-        if source == "mesh" and self.bound is not None:
+        if source == "mesh" and self.bound is not None and self.confirmed:
             part += max(self.bound - self.all_missed, 0.0)
         return part / self.scale if self.scale > 0 else 0.0
 
@@ -235,7 +241,7 @@ class GoalError:
         if self.bound is None or self.corrected is None:
             return f"  {self.text(name)}"
         which = " (corrected)" if self.error else ""
-        mark = "" if self.is_within(asked) else "  not yet"
+        mark = "" if self.within <= asked else "  not yet"
         share = f"{100 * self.within:.2g} %"
         if self.small:
             share += f" of {SMALL_FORCE:g} of the largest force"
@@ -321,8 +327,7 @@ def _bounded(goal: GoalError, bound: float, coarser: GoalError) -> GoalError:
     if coarser.bound is not None and coarser.corrected is not None:
         change = abs(corrected - coarser.corrected)
         bound = max(bound, change) if change > bound + coarser.bound else bound
-    scale, since = max(goal.scale, abs(corrected)), goal.value - coarser.value
-    return replace(goal, bound=bound, scale=scale, change=since)
+    return replace(goal, bound=bound, scale=max(goal.scale, abs(corrected)))
 
 
 def with_scales_of_forces(goals: Mapping[str, GoalError]) -> dict[str, GoalError]:

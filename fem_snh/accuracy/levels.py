@@ -35,9 +35,6 @@ _MOST_WITHOUT = 3
 #: Factors between the sizes of cells of two levels: least and most; and to measure an estimate, by
 #: the dimension, with about four times the cells.
 _LEAST_REFINEMENT, _MOST_REFINEMENT, _TO_MEASURE = 1.3, 2.0, {2: 2.0, 3: 1.5}
-#: An error decreases if it is at most this part of that of the level before: with half the size of
-#: the cells the error at a crack is a half.
-_DECREASES = 0.8
 #: The error that the next level aims at, over the request.
 _AIM = 0.7
 #: The parts of an error that are those of steps, and the power of the number of steps with which
@@ -235,27 +232,8 @@ class Levels:
     @property
     def reached(self) -> bool:
         """Whether every goal of the last level is within the request."""
-        return self.bounds_suffice and not self.rows[-1].gives_way
-
-    @property
-    def bounds_suffice(self) -> bool:
-        """Whether every goal of the last level is, whether or not supports give way."""
-        goals = self.asked_goals.values()
-        return bool(goals) and all(goal.is_within(self.asked) for goal in goals)
-
-    @property
-    def decrease(self) -> bool:
-        """Whether the largest error is clearly less than on the level before; True without one.
-
-        Without an estimate it is not.
-        """
-        if len(self.rows) < 2:
-            return True
-        before, now = (
-            max((goal.within for goal in row.goals.values() if goal.asked), default=inf)
-            for row in self.rows[-2:]
-        )
-        return now < inf and now <= _DECREASES * before
+        worst = self.worst
+        return worst is not None and worst[1] <= self.asked and not self.rows[-1].gives_way
 
     @property
     def futility(self) -> str:
@@ -264,11 +242,7 @@ class Levels:
         without = [not row.goals for row in self.rows[-_MOST_WITHOUT:]]
         if row.estimate.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
             return f"no estimate of the error: {row.reason}"
-        if row.gives_way and self.bounds_suffice:
-            return row.gives_way
-        if row.gives_way and not self.decrease:
-            return f"the errors do not decrease: {row.gives_way}"
-        return ""
+        return row.gives_way if self._has_bounds else ""  # it gives way without a limit
 
     def changes(self) -> LevelChanges:
         """Return how the next level differs from the last one."""
@@ -283,7 +257,7 @@ class Levels:
         """Return the factor by which the cells of the next level are to be smaller."""
         if self.worst is None:
             return _MOST_REFINEMENT
-        if not self._is_measured:
+        if not self._has_bounds:
             return _TO_MEASURE[self.dim]
         factor = (self._excess_of_mesh / _AIM) ** (1 / self._order)
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
@@ -300,8 +274,7 @@ class Levels:
         sizes = []
         for row in (before, last):
             goals = [goal for goal in row.goals.values() if goal.asked and goal.scale > 0]
-            missed = [goal.missed.get("mesh", 0.0) / goal.scale for goal in goals]
-            sizes.append(max(missed, default=0.0))
+            sizes.append(max((abs(goal.of_mesh) / goal.scale for goal in goals), default=0.0))
         if not finer or min(sizes) <= 0:
             return last.degree
         return min(max(log(sizes[0] / sizes[1]) / finer, 1.0), highest)
@@ -309,24 +282,20 @@ class Levels:
     @property
     def _excess_of_mesh(self) -> float:
         """The errors of the mesh over the request; 1 without bounds."""
-        if self._has_parts:
-            return self._excess("mesh")
-        return self.worst[1] / self.asked if self.worst and self.worst[1] < inf else 1.0
+        return self._excess("mesh") if self._has_bounds else 1.0
 
     @property
-    def _is_measured(self) -> bool:
-        """Whether the goals have bounds, and none that suffices is without a confirmed estimate."""
-        goals, asked = self.asked_goals.values(), self.asked
-        return self.worst is not None and all(
-            g.within < inf and (g.within > asked or g.is_within(asked)) for g in goals
-        )
+    def _has_bounds(self) -> bool:
+        """Whether the goals of the last level have bounds."""
+        return self.worst is not None and self.worst[1] < inf
 
     @property
     def left_of_errors(self) -> float:
-        """The part of the errors of the mesh that the next level may leave."""
-        if not self._is_measured:  # by what differs on two levels
+        """The part of the errors of the mesh that the next level may leave; 0 to measure them."""
+        excess = self._excess_of_mesh
+        if not self._has_bounds or not all(goal.confirmed for goal in self.asked_goals.values()):
             return 0.0
-        return _AIM / excess if (excess := self._excess_of_mesh) > 0 else 1.0
+        return _AIM / excess if excess > 0 else 1.0
 
     def shorter_steps(self) -> float:
         """Return the factor by which the steps of the next level are to be shorter."""
@@ -359,9 +328,7 @@ class Levels:
         """Whether the error of the mesh is within its share, and another part is not."""
         if self.rows[-1].steps_fail:
             return True
-        return (
-            self._is_measured and self._suffices("mesh") and not all(map(self._suffices, _SHARES))
-        )
+        return self._has_bounds and self._suffices("mesh") and not all(map(self._suffices, _SHARES))
 
     @property
     def _has_parts(self) -> bool:
@@ -371,7 +338,8 @@ class Levels:
     def _excess(self, source: str) -> float:
         """Return the largest contribution of a part to a bound, over its share of the request."""
         parts = (goal.contribution(source) for goal in self.asked_goals.values())
-        return max(parts, default=0.0) / (_SHARES[source] * self.asked)
+        share = _SHARES[source] if self._has_parts else 1.0
+        return max(parts, default=0.0) / (share * self.asked)
 
     def _suffices(self, source: str) -> bool:
         """Return whether a part is about within its share."""
@@ -423,7 +391,7 @@ class Levels:
         """Return the errors of cells over the request, of goals not within it, or ``of_all``."""
         row, weights = self.rows[-1], np.zeros(cells)
         for name, goal in self.asked_goals.items():
-            wanted = of_all or not goal.is_within(self.asked)
+            wanted = of_all or not goal.within <= self.asked
             if wanted and name in row.estimate.indicators and goal.scale > 0:
                 weights += np.abs(row.estimate.indicators[name]) / (self.asked * goal.scale)
         return weights
@@ -436,10 +404,10 @@ class Levels:
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
         head += f", {row.elapsed:.2g} s: "
-        if self.worst and self.worst[1] == inf:
+        if not self._has_bounds:
             head += "estimates, which another level measures"
         else:
-            counts = sum(goal.is_within(asked) for goal in self.asked_goals.values())
+            counts = sum(goal.within <= asked for goal in self.asked_goals.values())
             head += f"{counts} of {len(self.asked_goals)} "
             head += f"{'bounds' if row.gives_way else 'goals'} within {100 * asked:g} %"
         shown = {name: goal for name, goal in self.asked_goals.items() if not goal.is_zero}
@@ -460,7 +428,6 @@ class Levels:
             "relative": self.worst[1] if self.worst and self.worst[1] < inf else None,
             "without_contact": list(self._untouched(last)),
             "left_out": last.estimate.left_out if last.goals else [],
-            "unconfirmed": [n for n, g in self.asked_goals.items() if not g.confirmed],
             **({"at": at} if at else {}),
             "small": [name for name, goal in self.asked_goals.items() if goal.small],
             "levels": [

@@ -251,6 +251,15 @@ def estimate_on_path(
     return estimate
 
 
+def values_on_path(
+    problem: Problem, path: Path, goals: Sequence[Goal], at: Mapping[Goal, At]
+) -> Estimate:
+    """Return goals without errors, where they are evaluated; see `estimate_on_path`. Collective."""
+    with estimating(problem, goals) as estimate:
+        _Repetitions(problem, path, goals, estimate, at).set_values(path.itself(goals))
+    return estimate
+
+
 class _Repetitions:
     """The errors of goals along a path, which is followed again. Collective.
 
@@ -292,7 +301,7 @@ class _Repetitions:
         """
         steps, run = self._estimate.again, self._path.itself(self._goals)
         self._count(run)
-        self._set_values(run)
+        self.set_values(run)
         followed = self._follow(steps)
         ratio = run.taken / followed.taken  # below 1 where the run has one step
         if 1 / _LEAST_RATIO < ratio < _LEAST_RATIO:
@@ -315,7 +324,7 @@ class _Repetitions:
             steps, followed = ceil(steps / 2), quarter
         set_parts(self._estimate, self._goals, parts | self._others(steps, followed))
 
-    def _set_values(self, run: Followed) -> None:
+    def set_values(self, run: Followed) -> None:
         """Set the values of goals, and their loads, where they are not at the end."""
         values, names = self._ends(run), names_of(self._goals)
         for part, at in self._parts:

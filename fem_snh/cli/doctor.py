@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, NamedTuple
 
 from fem_snh.errors import BadInput
@@ -214,10 +215,12 @@ def find(what: str) -> Finding:
     command = ["mpirun", "-n", "2", *command] if what == _RANKS else command
     variables = without_launcher(os.environ, RUN_AS_ROOT) if is_rank() else dict(os.environ)
     try:
-        finished = subprocess.run(
-            command, env=variables | import_path(), capture_output=True, text=True,
-            timeout=_TIMEOUT, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        # Open MPI removes its files in TMPDIR when a program ends, also while another one starts.
+        with TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True) as own:
+            finished = subprocess.run(
+                command, env=variables | import_path() | {"TMPDIR": own}, capture_output=True,
+                text=True, timeout=_TIMEOUT, stdin=subprocess.DEVNULL,
+            )  # fmt: skip
     except FileNotFoundError:
         return Finding(what, "missing", f"no {command[0]} on the PATH", "install openmpi-bin")
     except subprocess.TimeoutExpired:

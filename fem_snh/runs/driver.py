@@ -210,12 +210,11 @@ def _solve(
             with interrupts.postponed():
                 recorder.add_modes(found)
         if goals and setup.stepper.done:
-            from fem_snh.runs.estimates import estimate_errors, measure_errors
+            from fem_snh.runs.estimates import estimate_errors
 
             fields, states = recorder.writes_fields, recorder.states
             with untimed(setup.problem):
-                estimate = estimate_errors(setup, goals, printed.estimating, fields, states)
-                measure_errors(setup, estimate, level, again, printed.line)
+                estimate = estimate_errors(setup, goals, printed, fields, states, level, again)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -18,12 +20,14 @@ from fem_snh.accuracy.goal_errors import (
     NoEstimateOnAnyMesh,
     with_bounds,
 )
-from fem_snh.accuracy.path_errors import GoalHistory, estimate_on_path
+from fem_snh.accuracy.path_errors import GoalHistory, estimate_on_path, values_on_path
 from fem_snh.accuracy.refinement import left_by_uniform
 from fem_snh.cache import Stopwatch
 from fem_snh.errors import BadInput, Failed
 from fem_snh.problem.goals import Goal, names_of
+from fem_snh.problem.problem import Problem
 from fem_snh.runs.level_meshes import coarser_scene, is_refined_locally
+from fem_snh.runs.progress import Progress
 from fem_snh.runs.result import Result
 from fem_snh.runs.scene_goals import GoalStates, goal_loads
 from fem_snh.runs.scene_replay import scene_path
@@ -37,11 +41,13 @@ if TYPE_CHECKING:
 def estimate_errors(
     setup: Setup,
     goals: Sequence[Goal],
-    announce: Announce,
+    printed: Progress,
     fields: bool,
     states: GoalStates | GoalHistory | None,
+    level: Level | None,
+    again: Callable[..., Result] | None,
 ) -> Estimate:
-    """Return the errors of goals of a run that is at its end. Collective.
+    """Return the errors of goals of a run that is at its end, with their bounds. Collective.
 
     Parameters
     ----------
@@ -49,15 +55,37 @@ def estimate_errors(
         The run, at its end.
     goals : sequence of Goal
         The goals.
-    announce : callable
-        Called with the estimate before the errors are known: it has the cost only.
+    printed : Progress
+        Prints the cost before the errors are known.
     fields : bool
         Whether fields of the errors are written. The errors of all goals are then distributed to
         the cells; otherwise only if the scene names goals or, in a run to an accuracy, if the mesh
         is refined locally. Else only the largest error is distributed.
     states : GoalStates or GoalHistory or None
         The states in which the goals are evaluated; of a path, all of them; None: unknown.
+    level : Level or None
+        The level of a run to an accuracy, whose levels measure the errors.
+    again : callable or None
+        Runs another scene, which measures them otherwise; None: nothing does.
     """
+    if again and not level and setup.scene.error == "coarser":
+        return _errors_of_coarser(setup, goals, printed, states, again)
+    estimate = _estimated(setup, goals, printed.estimating, fields, states)
+    if level:
+        level.measure(estimate)
+    elif again and not estimate.reason:
+        _measure(setup, estimate, again, printed)
+    return estimate
+
+
+def _estimated(
+    setup: Setup,
+    goals: Sequence[Goal],
+    announce: Announce,
+    fields: bool,
+    states: GoalStates | GoalHistory | None,
+) -> Estimate:
+    """Return the errors of goals, without bounds; see `estimate_errors`. Collective."""
     scene, problem = setup.scene, setup.problem
     if not isinstance(states, GoalStates):
         path, at = scene_path(setup, states), goal_loads(scene, goals)
@@ -65,6 +93,18 @@ def estimate_errors(
         found = estimate_on_path(problem, path, goals, announce, setup.mesh, most, at)
         found.duration = scene.duration
         return found
+    return _of_states(
+        setup, goals, states, lambda there: _errors_at(setup, there, announce, fields)
+    )
+
+
+def _of_states(
+    setup: Setup,
+    goals: Sequence[Goal],
+    states: GoalStates,
+    errors: Callable[[Sequence[Goal]], Estimate],
+) -> Estimate:
+    """Return the ``errors`` of goals, each in the state in which it is evaluated. Collective."""
     if states.reason:
         with estimating(setup.problem, goals) as estimate:
             raise NoEstimateOnAnyMesh(states.reason)
@@ -72,56 +112,84 @@ def estimate_errors(
     by_load = {}
     for load, goals_there in states.by_load().items():
         with states.at(load):
-            by_load[load] = _errors_at(setup, goals_there, announce, fields)
+            by_load[load] = errors(goals_there)
     return Estimate.merged(by_load, names_of(goals))
 
 
-def measure_errors(
-    setup: Setup,
-    estimate: Estimate,
-    level: Level | None,
-    again: Callable[..., Result] | None,
-    printed: Callable[[str], None],
+def _measure(
+    setup: Setup, estimate: Estimate, again: Callable[..., Result], printed: Progress
 ) -> None:
-    """Add the bounds that other levels measure, or a run with half the cells. Collective.
-
-    That run has half the cells along an edge, in time half the steps, too.
-
-    Parameters
-    ----------
-    setup : Setup
-        The run, at its end.
-    estimate : Estimate
-        The estimate of its errors.
-    level : Level or None
-        The level of a run to an accuracy; None: another run measures the errors.
-    again : callable or None
-        Runs another scene; None: nothing measures them.
-    printed : callable
-        Prints a line.
-    """
-    if level:
-        level.measure(estimate)
-    if level or again is None or estimate.reason:
+    """Add the bounds that a run with half the cells, in time half the steps, too, measures."""
+    coarser, dofs, why = _of_coarser_run(setup.scene, estimate, again, printed, alone=True)
+    if coarser is None:
+        estimate.left_out.append(without_bounds(why))
         return
-    scene, why = coarser_scene(setup.scene)
-    if scene is not None:
-        printed(f"  a run with {why} measures the estimate")
-        watch = Stopwatch()
-        try:
-            result, failed = again(scene, alone=True), "the steps fail"
-        except (BadInput, Failed) as error:
-            result, failed = None, str(error)
+    problem = setup.problem
+    left = left_by_uniform(dofs, problem.dofs, problem.element.degree, problem.kinematics.dim)
+    estimate.goals = with_bounds(estimate.goals, [coarser.goals], left)
+
+
+def _errors_of_coarser(
+    setup: Setup,
+    goals: Sequence[Goal],
+    printed: Progress,
+    states: GoalStates | GoalHistory | None,
+    again: Callable[..., Result],
+) -> Estimate:
+    """Return the differences to the corrected goals of a run with half the cells. Collective.
+
+    Their bounds are those of that run, which one with a quarter of the cells measures.
+    """
+    scene = setup.scene
+    if isinstance(states, GoalStates):
+        run = _of_states(setup, goals, states, partial(_values, setup.problem))
+    else:
+        path, at = scene_path(setup, states), goal_loads(scene, goals)
+        run = values_on_path(setup.problem, path, goals, at)
+    scene = scene.model_copy(update={"error": True})
+    coarser, _, why = _of_coarser_run(scene, run, again, printed)
+    if coarser is None:
+        run.reason = why
+        return run
+    found = replace(coarser, indicators={}, seconds=run.seconds, loads=run.loads)
+    found.duration = scene.duration
+    found.goals = {name: goal.known_from(found.goals[name]) for name, goal in run.goals.items()}
+    return found
+
+
+def _values(problem: Problem, goals: Sequence[Goal]) -> Estimate:
+    """Return goals without errors. Collective."""
+    with estimating(problem, goals) as estimate:
+        pass
+    return estimate
+
+
+def _of_coarser_run(
+    scene: Scene,
+    estimate: Estimate,
+    again: Callable[..., Result],
+    printed: Progress,
+    alone: bool = False,
+) -> tuple[Estimate | None, int, str]:
+    """Return the errors of a run with half the cells and its unknowns, or None and why.
+
+    Its seconds are added to those of ``estimate``.
+    """
+    coarser, what = coarser_scene(scene)
+    if coarser is None:
+        return None, 0, what
+    printed.line(f"  a run with {what} {'measures the estimate' if alone else 'has the errors'}")
+    watch, failed = Stopwatch(), "the steps fail"
+    try:
+        result = again(coarser, alone=alone)
+        if result.estimate and not result.estimate.reason:
+            return result.estimate, result.problem.dofs, ""
+        failed = result.estimate.reason if result.estimate else failed
+    except (BadInput, Failed) as error:
+        failed = str(error)
+    finally:
         estimate.seconds += watch.seconds
-        coarser = result.estimate if result else None
-        if result and coarser and not coarser.reason:
-            problem, dofs = setup.problem, result.problem.dofs
-            degree, dim = problem.element.degree, problem.kinematics.dim
-            left = left_by_uniform(dofs, problem.dofs, degree, dim)
-            estimate.goals = with_bounds(estimate.goals, [coarser.goals], left)
-            return
-        why = f"the run with {why} has none: {coarser.reason if coarser else failed}"
-    estimate.left_out.append(without_bounds(why))
+    return None, 0, f"the run with {what} has none: {failed}"
 
 
 def _errors_at(setup: Setup, goals: Sequence[Goal], announce: Announce, fields: bool) -> Estimate:

@@ -156,10 +156,7 @@ class Progress:
         if relative is not None:
             best = f"{accuracy['worst']} is known to {100 * relative:.2g} %"
             if relative <= accuracy["within"]:
-                names = in_words(accuracy["unconfirmed"])
-                best = f"the bounds are, but two levels do not confirm the estimate of {names}"
-                if not names:
-                    best = "the bounds are, but finer meshes have another answer"
+                best = "the bounds are, but finer meshes have another answer"
         elif accuracy["worst"]:
             best = f"the estimate of {accuracy['worst']} has no bound yet"
         ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""

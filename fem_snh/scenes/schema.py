@@ -42,7 +42,7 @@ from fem_snh.tables.types import (
     Cells,
     Count,
     FilePath,
-    Flag,
+    FlagOrCoarser,
     Groups,
     Matrix,
     NonNegative,
@@ -306,10 +306,11 @@ class Scene(Table):
         "factors of the exact Hessian: one factorisation a step.",
     )
     modes: Modes | None = Field(default=None, description="Eigenfrequencies at the end of the run.")
-    error: Flag = Field(
+    error: FlagOrCoarser = Field(
         default=False,
         description="Whether the errors of the probes, reactions, volumes and the energy are "
-        "estimated after the last step: by a solution in the element of the next degree.",
+        "estimated after the last step: by a solution in the element of the next degree; "
+        "'coarser': by those of runs with a half and a quarter of the cells, in less time.",
     )
     accuracy: Accuracy | None = Field(
         default=None, description="Goals whose errors are estimated, in place of those of `error`."
@@ -392,7 +393,7 @@ class Scene(Table):
     @property
     def estimates_error(self) -> bool:
         """Whether errors are estimated after the last step."""
-        return self.error or self.accuracy is not None
+        return bool(self.error) or self.accuracy is not None
 
     @property
     def within(self) -> float | None:

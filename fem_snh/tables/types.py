@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, StrictBool
 from pydantic.json_schema import SkipJsonSchema
 
 from fem_snh.errors import bad_value
@@ -72,6 +72,7 @@ CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
 SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Flag = Annotated[bool, Field(strict=True), Expect("true or false")]
+FlagOrCoarser = Annotated[StrictBool | Literal["coarser"], Expect("true, false or 'coarser'")]
 Number = Annotated[Bounded, Expect("a finite number")]
 Positive = Annotated[BoundedPositive, Expect("a number > 0")]
 NonNegative = Annotated[Bounded, Field(ge=0), Expect("a number >= 0")]

@@ -242,7 +242,7 @@ def test_the_true_error_is_within_the_request(element, nu, cells, asked, keep, u
 
 
 def test_a_displacement_at_a_corner_that_a_coarse_mesh_resolves_badly():
-    """Estimates find neither size nor sign of the knee's error: it was said to be 0.3 % off.
+    """Estimates find neither size nor sign of the knee's error, so that its bounds are wide.
 
     On fine cells the corner is unstable, so that it has no limit. With 63,245 cells the values are
     these, with bounds of 0.03 and 0.004 %.
@@ -261,8 +261,7 @@ def test_a_displacement_at_a_corner_that_a_coarse_mesh_resolves_badly():
     for level in levels:
         tip, knee = (level["goals"][name] for name in ("tip.y", "knee.y"))
         assert abs(tip["corrected"] + 1.42976) < 1.2 * tip["bound"]
-        far = abs(knee["corrected"] + 0.25470) > knee["bound"]
-        assert not (far and 0.5 < knee["theta"] < 1.5)  # where it is, nothing confirms it
+        assert abs(knee["corrected"] + 0.25470) < knee["bound"]
 
 
 def test_round_bodies_have_curved_cells(capsys):

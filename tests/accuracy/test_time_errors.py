@@ -221,7 +221,6 @@ def test_errors_of_steps_that_converge(order):
 #: a swing of Q1P0, a cylinder whose side a table with kinks moves, another swing.
 CHANCE = {
     "small by chance": ([-1.3653462, -1.2334404, -1.2080655], -1.1804332),
-    "of different signs": ([0.0027107, 0.0033639, 0.0032717], 0.0035208),
     "without an order": ([-1.5465, -0.7984, -0.8060, -0.7977], -0.725),
 }
 

@@ -1,0 +1,57 @@
+"""``error = "coarser"``: the errors of a run by two coarser ones alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from running import solve
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Scene, Time, load
+
+#: The corner's displacement with 64 cells of Q2Q1, extrapolated (docs/howto/error.md).
+EXACT = {"corner.y": 6.925, "corner.x": -5.814}
+
+
+def membrane(cells: int, error: Any, **keys: Any) -> Scene:
+    scene = load("cook", kinematics="plane_strain", element="Q1P0", cells=cells, steps=1)
+    return scene.model_copy(update={"error": error, **keys})
+
+
+@pytest.mark.mpi
+def test_the_errors_are_differences_to_the_corrected_values_of_a_coarser_run(comm: Any) -> None:
+    fine, coarse = (solve(membrane(*how), comm) for how in ((16, "coarser"), (8, True)))
+    assert fine.estimate.dofs == coarse.estimate.dofs < fine.problem.dofs * 2
+    for name, goal in fine.estimate.goals.items():
+        known = coarse.estimate.goals[name]
+        assert goal.corrected == pytest.approx(known.corrected, rel=1e-9, abs=1e-12)
+        assert goal.bound >= known.bound
+        assert goal.value != known.value or not known.estimate
+    for name, exact in EXACT.items():
+        goal = fine.estimate.goals[name]
+        assert abs(goal.corrected - exact) < goal.bound
+    assert fine.estimate.indicators == {}
+
+
+def test_in_time_each_goal_is_that_of_its_time() -> None:
+    scene = membrane(8, "coarser")
+    update = {
+        "time": Time(duration=0.2, steps=16),
+        "accuracy": scenes.Accuracy(goals=[{"name": "corner.y", "at": 0.1}]),
+        "material": [each.model_copy(update={"density": 1e-3}) for each in scene.materials],
+    }
+    scene = scene.model_copy(update=update)
+    found = solve(scene)
+    goal, known = found.estimate.goals["corner.y"], solve(scene.model_copy(update={"error": True}))
+    assert found.estimate.loads["corner.y"] == 0.5
+    assert goal.value == pytest.approx(known.estimate.goals["corner.y"].value, rel=1e-9)
+    assert abs(goal.corrected - known.estimate.goals["corner.y"].corrected) < goal.bound
+
+
+def test_a_mesh_of_which_none_is_coarser() -> None:
+    estimate = solve(membrane(1, "coarser")).estimate
+    assert estimate.reason == "no mesh has fewer than 1 cells along an edge"
+    with pytest.raises(BadInput, match="error = 'finer': expected true, false or 'coarser'"):
+        load("cook", error="finer")
