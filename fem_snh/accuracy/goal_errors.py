@@ -8,7 +8,7 @@ from functools import reduce
 from itertools import chain
 from math import floor, inf, log10, nan
 from operator import or_
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -262,6 +262,29 @@ class GoalError:
         return _share(bound / abs(self.value))
 
 
+class Curve(NamedTuple):
+    """A goal after the steps of a run, by the rounded load.
+
+    Attributes
+    ----------
+    values : dict of float
+        The values of the run.
+    errors, bounds : dict of float or None
+        What is to be added to them, and by how much the sums may be off; None: unknown.
+    """
+
+    values: dict[float, float]
+    errors: dict[float, float | None]
+    bounds: dict[float, float | None]
+
+    def seen_from(self, values: Mapping[float, float]) -> Curve:
+        """Return the curve of other ``values``, whose errors lead to the same corrected ones."""
+        here, errors = {at: values[at] for at in self.values if at in values}, dict(self.errors)
+        for at, value in here.items():
+            errors[at] = self.values[at] + (self.errors[at] or 0.0) - value
+        return Curve(here, errors, self.bounds)
+
+
 def no_contact_text(force: str) -> str:
     """Return the line of a force of contact without an estimate."""
     return f"{force} 0, no estimate: {NO_CONTACT}"
@@ -384,6 +407,10 @@ class Estimate:
         The loads of goals that are not those of the end.
     duration : float or None
         The time [s] at load 1; None in statics.
+    curves : dict of Curve
+        The goals after each step, where a coarser run measured their errors.
+    history : dict of (scalars,) array
+        All components of the goals by the rounded load, at the beginning and after each step.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -406,6 +433,8 @@ class Estimate:
     left_out: list[str] = field(default_factory=list)
     loads: dict[str, float] = field(default_factory=dict)
     duration: float | None = None
+    curves: dict[str, Curve] = field(default_factory=dict, repr=False)
+    history: dict[float, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def merged(cls, estimates: Mapping[float, Estimate], names: Sequence[str]) -> Estimate:

@@ -83,7 +83,8 @@ def results(step: Mapping[str, Any]) -> dict[str, Any]:
             row |= dict(_columns(name, state))
     row |= dict(_columns("self_contact", step.get("self_contact", {})))
     row |= step.get("goals", {})
-    row |= {f"{name}.error": error for name, error in step.get("errors", {}).items()}
+    for kind in ("error", "bound"):
+        row |= {f"{name}.{kind}": value for name, value in step.get(f"{kind}s", {}).items()}
     return row
 
 
@@ -108,7 +109,7 @@ def column_unit(name: str, step: Mapping[str, Any]) -> str:
     """Return a column's SI unit; "" if it has none or the step's `flat` row lacks the column."""
     if name not in flat(step):
         return ""
-    body = name.removesuffix(".error")
+    body = name.removesuffix(".error").removesuffix(".bound")
     body = next((body.removesuffix(end) for end in (".x", ".y", ".z") if body.endswith(end)), body)
     if body in step.get("probes", {}):
         return "m"

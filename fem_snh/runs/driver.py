@@ -212,9 +212,8 @@ def _solve(
         if goals and setup.stepper.done:
             from fem_snh.runs.estimates import estimate_errors
 
-            fields, states = recorder.writes_fields, recorder.states
             with untimed(setup.problem):
-                estimate = estimate_errors(setup, goals, printed, fields, states, level, again)
+                estimate = estimate_errors(setup, goals, recorder, printed, level, again)
             recorder.add_estimate(estimate)
             if setup.scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)

@@ -8,6 +8,9 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from fem_snh.accuracy.curves import curves_of
 from fem_snh.accuracy.estimate import (
     Announce,
     EstimateOptions,
@@ -20,7 +23,12 @@ from fem_snh.accuracy.goal_errors import (
     NoEstimateOnAnyMesh,
     with_bounds,
 )
-from fem_snh.accuracy.path_errors import GoalHistory, estimate_on_path, values_on_path
+from fem_snh.accuracy.path_errors import (
+    Followed,
+    GoalHistory,
+    estimate_on_path,
+    values_on_path,
+)
 from fem_snh.accuracy.refinement import left_by_uniform
 from fem_snh.cache import Stopwatch
 from fem_snh.errors import BadInput, Failed
@@ -36,14 +44,14 @@ from fem_snh.scenes import Scene
 
 if TYPE_CHECKING:
     from fem_snh.runs.level_runs import Level
+    from fem_snh.runs.recorder import Recorder
 
 
 def estimate_errors(
     setup: Setup,
     goals: Sequence[Goal],
+    recorder: Recorder,
     printed: Progress,
-    fields: bool,
-    states: GoalStates | GoalHistory | None,
     level: Level | None,
     again: Callable[..., Result] | None,
 ) -> Estimate:
@@ -55,44 +63,45 @@ def estimate_errors(
         The run, at its end.
     goals : sequence of Goal
         The goals.
+    recorder : Recorder
+        Has the goals along the path and the states in which they are evaluated. If it writes
+        fields, the errors of all goals are distributed to the cells; otherwise only if the scene
+        names goals or, in a run to an accuracy, if the mesh is refined locally. Else only the
+        largest error is distributed.
     printed : Progress
         Prints the cost before the errors are known.
-    fields : bool
-        Whether fields of the errors are written. The errors of all goals are then distributed to
-        the cells; otherwise only if the scene names goals or, in a run to an accuracy, if the mesh
-        is refined locally. Else only the largest error is distributed.
-    states : GoalStates or GoalHistory or None
-        The states in which the goals are evaluated; of a path, all of them; None: unknown.
     level : Level or None
         The level of a run to an accuracy, whose levels measure the errors.
     again : callable or None
         Runs another scene, which measures them otherwise; None: nothing does.
     """
     if again and not level and setup.scene.error == "coarser":
-        return _errors_of_coarser(setup, goals, printed, states, again)
-    estimate = _estimated(setup, goals, printed.estimating, fields, states)
-    if level:
-        level.measure(estimate)
-    elif again and not estimate.reason:
-        _measure(setup, estimate, again, printed)
+        estimate = _errors_of_coarser(setup, goals, recorder, printed, again)
+    else:
+        estimate = _estimated(setup, goals, recorder, printed.estimating)
+        if level:
+            level.measure(estimate)
+        elif again and not estimate.reason:
+            _measure(setup, goals, recorder.history, estimate, again, printed)
+    estimate.history = recorder.history.values if recorder.history else {}
     return estimate
 
 
 def _estimated(
     setup: Setup,
     goals: Sequence[Goal],
+    recorder: Recorder,
     announce: Announce,
-    fields: bool,
-    states: GoalStates | GoalHistory | None,
 ) -> Estimate:
     """Return the errors of goals, without bounds; see `estimate_errors`. Collective."""
-    scene, problem = setup.scene, setup.problem
-    if not isinstance(states, GoalStates):
-        path, at = scene_path(setup, states), goal_loads(scene, goals)
+    scene, problem, states = setup.scene, setup.problem, recorder.states
+    if states is None:
+        path, at = scene_path(setup, recorder.history), goal_loads(scene, goals)
         most = _max_memory(scene)
         found = estimate_on_path(problem, path, goals, announce, setup.mesh, most, at)
         found.duration = scene.duration
         return found
+    fields = recorder.writes_fields
     return _of_states(
         setup, goals, states, lambda there: _errors_at(setup, there, announce, fields)
     )
@@ -117,7 +126,12 @@ def _of_states(
 
 
 def _measure(
-    setup: Setup, estimate: Estimate, again: Callable[..., Result], printed: Progress
+    setup: Setup,
+    goals: Sequence[Goal],
+    history: GoalHistory | None,
+    estimate: Estimate,
+    again: Callable[..., Result],
+    printed: Progress,
 ) -> None:
     """Add the bounds that a run with half the cells, in time half the steps, too, measures."""
     coarser, dofs, why = _of_coarser_run(setup.scene, estimate, again, printed, alone=True)
@@ -127,24 +141,27 @@ def _measure(
     problem = setup.problem
     left = left_by_uniform(dofs, problem.dofs, problem.element.degree, problem.kinematics.dim)
     estimate.goals = with_bounds(estimate.goals, [coarser.goals], left)
+    if history:
+        coarse = Followed(coarser.history, 0)
+        estimate.curves = curves_of(estimate, goals, history.values, coarse)
 
 
 def _errors_of_coarser(
     setup: Setup,
     goals: Sequence[Goal],
+    recorder: Recorder,
     printed: Progress,
-    states: GoalStates | GoalHistory | None,
     again: Callable[..., Result],
 ) -> Estimate:
     """Return the differences to the corrected goals of a run with half the cells. Collective.
 
     Their bounds are those of that run, which one with a quarter of the cells measures.
     """
-    scene = setup.scene
-    if isinstance(states, GoalStates):
-        run = _of_states(setup, goals, states, partial(_values, setup.problem))
+    scene, history = setup.scene, recorder.history
+    if recorder.states is not None:
+        run = _of_states(setup, goals, recorder.states, partial(_values, setup.problem))
     else:
-        path, at = scene_path(setup, states), goal_loads(scene, goals)
+        path, at = scene_path(setup, history), goal_loads(scene, goals)
         run = values_on_path(setup.problem, path, goals, at)
     scene = scene.model_copy(update={"error": True})
     coarser, _, why = _of_coarser_run(scene, run, again, printed)
@@ -154,6 +171,10 @@ def _errors_of_coarser(
     found = replace(coarser, indicators={}, seconds=run.seconds, loads=run.loads)
     found.duration = scene.duration
     found.goals = {name: goal.known_from(found.goals[name]) for name, goal in run.goals.items()}
+    if history:
+        values = zip(names_of(goals), np.array(list(history.values.values())).T, strict=True)
+        curves = {name: dict(zip(history.values, map(float, v), strict=True)) for name, v in values}
+        found.curves = {n: curve.seen_from(curves[n]) for n, curve in found.curves.items()}
     return found
 
 

@@ -70,16 +70,17 @@ class Recorder:
         self._watch = setup.watch
         self._checkpoint = CheckpointWriter(folder, setup) if folder else None
         self._earlier = earlier or {}
-        #: The states in which the goals are evaluated; or those along a path, if all are known.
-        self.states: GoalStates | GoalHistory | None = None
-        if goals and setup.depends_on_path:
+        #: The goals after each step, if the run was not resumed; and the states in which they are
+        #: evaluated, if these do not depend on the path.
+        self.history: GoalHistory | None = None
+        self.states: GoalStates | None = None
+        if goals:
             from fem_snh.accuracy.path_errors import GoalHistory
-
-            self.states = None if earlier else GoalHistory(setup.problem, goals)
-        elif goals:
             from fem_snh.runs.scene_goals import GoalStates
 
-            self.states = GoalStates(setup, goals, earlier is not None)
+            self.history = None if earlier else GoalHistory(setup.problem, goals)
+            if not setup.depends_on_path:
+                self.states = GoalStates(setup, goals, earlier is not None)
         self._fields: Fields | None = None
         if earlier is not None:
             notes = record.pop("notes", [])
@@ -122,9 +123,11 @@ class Recorder:
         """
         self.add_notes(jump_notes(self._stepper.jump, len(self.record["steps"])))
         self.record["steps"].append(row)
-        if self.states and row["converged"]:
+        if row["converged"]:
             with untimed(self._problem):
-                self.states.add()
+                for kept in (self.history, self.states):
+                    if kept:
+                        kept.add()
         if self._stepper.is_output(row):
             self.save("running", state=row["converged"])
         else:
@@ -152,12 +155,17 @@ class Recorder:
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.asked.items()}
         rows = {round(r["load"], LOAD_DIGITS): r for r in self.record["steps"] if r["converged"]}
+        from fem_snh.accuracy.goal_errors import Curve
+
         for name, goal in estimate.asked.items():
-            load = estimate.loads.get(name, self._problem.load)
-            if (row := rows.get(round(load, LOAD_DIGITS))) is None:  # between two steps
-                continue
-            row.setdefault("goals", {})[name] = goal.value
-            row.setdefault("errors", {})[name] = goal.error
+            load = round(estimate.loads.get(name, self._problem.load), LOAD_DIGITS)
+            curve = estimate.curves.get(name)
+            curve = curve or Curve({load: goal.value}, {load: goal.error}, {load: goal.bound})
+            for at in curve.values.keys() & rows.keys():  # others are between steps
+                row = rows[at]
+                row.setdefault("goals", {})[name] = curve.values[at]
+                row.setdefault("errors", {})[name] = curve.errors[at]
+                row.setdefault("bounds", {})[name] = curve.bounds[at]
         for name, goal in self.record["goals"].items():
             if name in estimate.loads:
                 goal["at"] = estimate.loads[name]

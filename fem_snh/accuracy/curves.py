@@ -1,0 +1,86 @@
+"""The errors of goals after each step, from the change that half the cells make there.
+
+Where a goal is evaluated, its error and bound are known as multiples of its change from the coarser
+mesh. Along the path they are taken for the same multiples. As the changes of two causes may cancel,
+a bound is at least that of a fifth of the largest change (`effectivity.OF_VECTOR`), and as large a
+part of the largest bound as the value is of the largest value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.accuracy.effectivity import OF_VECTOR
+from fem_snh.accuracy.goal_errors import Curve, Estimate, GoalError
+from fem_snh.accuracy.path_errors import Followed
+from fem_snh.problem.goals import Goal, names_of, slices_of
+
+Array = npt.NDArray[np.float64]
+
+
+def curves_of(
+    estimate: Estimate, goals: Sequence[Goal], fine: Mapping[float, Array], coarse: Followed
+) -> dict[str, Curve]:
+    """Return the curves of goals whose errors have bounds, by name.
+
+    A vector that hardly changes from mesh to mesh where it is evaluated has none.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The errors of the goals where they are evaluated.
+    goals : sequence of Goal
+        The goals.
+    fine : mapping of (scalars,) array
+        All components by the rounded load, at the beginning and after each step.
+    coarse : Followed
+        Those of a coarser mesh.
+    """
+    found: dict[str, Curve] = {}
+    loads, names = sorted(fine), names_of(goals)
+    values = np.array([fine[load] for load in loads])
+    changes = values - np.array([coarse.at(load) for load in loads])
+    for part in slices_of(goals):
+        known = [estimate.goals[name] for name in names[part]]
+        there = estimate.loads.get(names[part.start], loads[-1])
+        if there not in fine or any(goal.bound is None for goal in known):
+            continue
+        at = loads.index(there)
+        along = _along(values[:, part], changes[:, part], at, known)
+        for i, name in enumerate(names[part] if along else ()):
+            errors, bounds = (
+                dict(zip(loads, table[:, i].tolist(), strict=True)) for table in along
+            )
+            found[name] = Curve({at: float(fine[at][part][i]) for at in loads}, errors, bounds)
+    return found
+
+
+def _along(values: Array, changes: Array, at: int, known: Sequence[GoalError]) -> tuple[Array, ...]:
+    """Return the errors and bounds of a vector after each step, (steps, n); () if unknown.
+
+    Parameters
+    ----------
+    values, changes : (steps, n) array
+        The vector, and by how much it differs from that of the coarser mesh.
+    at : int
+        The step in which it is evaluated.
+    known : sequence of GoalError
+        Its errors there.
+    """
+    error = np.array([goal.error or 0.0 for goal in known])
+    bound = np.array([goal.bound or 0.0 for goal in known])
+    sizes, change = np.abs(changes), changes[at]
+    largest, size = sizes.max(), sizes[at].max()
+    if size < OF_VECTOR * largest or size == 0:
+        return () if largest or error.any() else (changes, sizes)
+    multiple = float(error @ change) / float(change @ change)
+    of_change = (bound.max() + np.abs(error - multiple * change).max()) / size
+    ways = np.abs(values - values[0])
+    of_largest = np.divide(ways, ways.max(axis=0), out=np.zeros_like(ways), where=ways > 0)
+    errors, bounds = multiple * changes, of_change * np.maximum(sizes, OF_VECTOR * largest)
+    bounds = np.maximum(bounds, bound * of_largest)
+    errors[at], bounds[at] = error, bound
+    return errors, bounds
