@@ -83,7 +83,8 @@ def estimate_errors(
             level.measure(estimate)
         elif again and not estimate.reason:
             _measure(setup, goals, recorder.history, estimate, again, printed)
-    estimate.history = recorder.history.values if recorder.history else {}
+    if recorder.history and not level:
+        estimate.history = recorder.history.values
     return estimate
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -40,8 +40,25 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: The keys that the next level changes in the scene, and the next mesh; None: the scene's own.
-Refined = tuple[dict[str, Any], Mesh | None]
+
+class Refined(NamedTuple):
+    """What the next level changes.
+
+    Attributes
+    ----------
+    changes : dict
+        Keys of the scene.
+    mesh : Mesh or None
+        The mesh; None: the scene's own.
+    lineage : Lineage or None
+        On rank 0, where its cells come from, if those of the last level were bisected.
+    """
+
+    changes: dict[str, Any]
+    mesh: Mesh | None = None
+    lineage: Lineage | None = None
+
+
 #: Returns `Refined` with cells that are smaller than the last level's by a factor. Collective.
 Refine = Callable[[MPI.Comm, Scene, "Level", float], Refined]
 #: Returns wanted sizes of cells, from the factor by which their number is to grow.
@@ -319,18 +336,18 @@ def is_refined_locally(scene: Scene) -> bool:
 def more_cells(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
     """Return a `Refined` scene with more cells along an edge."""
     assert scene.cells is not None
-    return {"cells": cells_of(scene, max(scene.cells + 1, scene.cells * finer))}, None
+    return Refined({"cells": cells_of(scene, max(scene.cells + 1, scene.cells * finer))})
 
 
 def smaller_lattice(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
     """Return a `Refined` scene with a smaller cell of the lattice."""
     assert isinstance(scene.mesh, Lattice)
-    return {"cell": scene.mesh.cell / finer}, None
+    return Refined({"cell": scene.mesh.cell / finer})
 
 
 def higher_degree(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
     """Return a `Refined` scene with an element of degree 2, and the same mesh."""
-    return {"element": raised_element(scene)}, last.mesh
+    return Refined({"element": raised_element(scene)}, last.mesh)
 
 
 def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
@@ -342,11 +359,11 @@ def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined
 
         return bisect_times(data, at_corners, wanted, MOST_CELLS)
 
-    mesh = _with_target(comm, scene, last, finer, bisect)
+    mesh, lineage = _with_target(comm, scene, last, finer, bisect)
     assert last.mesh is not None
     revolved = kinematics_of(scene.kinematics).revolved
     faces = last.mesh.round_faces or round_faces(last.mesh.domain, revolved)
-    return {}, replace(mesh, round_faces=faces)
+    return Refined({}, replace(mesh, round_faces=faces), lineage)
 
 
 def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
@@ -355,7 +372,7 @@ def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Ref
     def mesh(data: MeshData, sizes: VertexSizes, target: Target, wanted: float) -> Made:
         return mesh_with_sizes(scene, data.cell, sizes.field(target(wanted))), None
 
-    return {}, _with_target(comm, scene, last, finer, mesh)
+    return Refined({}, *_with_target(comm, scene, last, finer, mesh))
 
 
 def _with_target(
@@ -364,11 +381,11 @@ def _with_target(
     last: Level,
     finer: float,
     make: Callable[[MeshData, VertexSizes, Target, float], Made],
-) -> Mesh:
-    """Return the next mesh, distributed. Collective.
+) -> tuple[Mesh, Lineage | None]:
+    """Return the next mesh, distributed, and on rank 0 where its cells come from. Collective.
 
     Rank 0 calls ``make`` with the last mesh, sizes at its vertices, a `Target` and the growth of
-    the number of cells; and sets the lineage of the last level to that of the next.
+    the number of cells.
     """
     assert last.mesh is not None
     data, owned = gather(last.mesh), len(last.volumes)
@@ -378,7 +395,10 @@ def _with_target(
     left = last.levels.left_of_errors if last.lineage else 0.0
     left = comm.bcast(left)
 
+    lineage: Lineage | None = None
+
     def make_on_root() -> MeshData:
+        nonlocal lineage
         volumes, errors, every = np.empty((3, len(data.cells)))
         for numbers, *values in rows:
             volumes[numbers], errors[numbers], every[numbers] = values
@@ -392,7 +412,7 @@ def _with_target(
             )  # fmt: skip
 
         made, parents = make(data, sizes, target, finer**dim)
-        last.lineage = None if parents is None else Lineage(parents, every, rates)
+        lineage = None if parents is None else Lineage(parents, every, rates)
         return made
 
-    return distribute(comm, "the refined mesh", make_on_root)
+    return distribute(comm, "the refined mesh", make_on_root), lineage

@@ -348,7 +348,7 @@ class _LevelRuns:
             if raised_element(scene) == scene.element:
                 return f"cells of a file have element = '{scene.element}' at most"
             dofs = levels.rows[-1].estimate.dofs or levels.rows[-1].dofs
-        mesh = refined[1] if refined else None
+        mesh = refined.mesh if refined else None
         cells = mesh.num_cells if mesh and not dofs else 0
         forecast = levels.forecast(changes.refinement, changes.shorter, dofs, cells)
         # Each rank has measured seconds of its own: all decide by those of rank 0.
@@ -363,7 +363,8 @@ class _LevelRuns:
     def _prepare_next(self, changes: LevelChanges, result: Result, refined: Refined | None) -> None:
         """Set the next level and its scene, by ``changes`` and the ``refined`` keys and mesh."""
         scene, level, printed = self._scene, self._level, self._printed
-        new, mesh = refined or (dict[str, Any](), level.mesh)
+        refined = refined or Refined({}, level.mesh, level.lineage)
+        new = refined.changes
         last = self._levels.rows[-1]
         if changes.stiffer > 1:
             printed.line(f"penalties are {changes.stiffer:.2g} times stiffer")
@@ -377,8 +378,8 @@ class _LevelRuns:
             starts_there = bool(last.goals) and not last.estimate.loads
             new |= {"steps": self._first.steps, "starts_there": starts_there}
         self._change(new)
-        self._level = self._create_level(mesh, result if starts_there else None)
-        self._level.lineage = level.lineage
+        self._level = self._create_level(refined.mesh, result if starts_there else None)
+        self._level.lineage = refined.lineage
 
 
 def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:
