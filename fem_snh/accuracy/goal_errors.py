@@ -308,7 +308,7 @@ def with_bounds(
 ) -> dict[str, GoalError]:
     """Return goals with the bounds that they and the same on coarser levels measure.
 
-    Vectors that the level before does not have, or has no estimate of, have no bound.
+    Levels that do not have a vector, or no estimate of it, are left out.
 
     Parameters
     ----------
@@ -325,12 +325,12 @@ def with_bounds(
     for name in goals:
         vectors.setdefault(vector_of(name), []).append(name)
     for names in vectors.values():
-        levels = [goals]
-        for level in coarser[:-_MOST_LEVELS:-1]:
-            if any(name not in level or level[name].estimate is None for name in names):
-                break
-            levels.insert(0, level)
-        if len(levels) == 1 or any(goals[name].estimate is None for name in names):
+        levels = [
+            level
+            for level in (*coarser, goals)
+            if all(name in level and level[name].estimate is not None for name in names)
+        ][-_MOST_LEVELS:]
+        if len(levels) < 2 or levels[-1] is not goals:
             continue
         known = [[level[name] for name in names] for level in levels]
         values = np.array([[goal.value + goal.of_others for goal in level] for level in known])
