@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import OF_VECTOR
-from fem_snh.accuracy.goal_errors import Curve, Estimate, GoalError
+from fem_snh.accuracy.goal_errors import GoalCurve, Estimate, GoalError
 from fem_snh.accuracy.path_errors import Followed
 from fem_snh.problem.goals import Goal, names_of, slices_of
 
@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 
 def curves_of(
     estimate: Estimate, goals: Sequence[Goal], fine: Mapping[float, Array], coarse: Followed
-) -> dict[str, Curve]:
+) -> dict[str, GoalCurve]:
     """Return the curves of goals whose errors have bounds, by name.
 
     A vector that hardly changes from mesh to mesh where it is evaluated has none.
@@ -39,7 +39,7 @@ def curves_of(
     coarse : Followed
         Those of a coarser mesh.
     """
-    found: dict[str, Curve] = {}
+    found: dict[str, GoalCurve] = {}
     loads, names = sorted(fine), names_of(goals)
     values = np.array([fine[load] for load in loads])
     changes = values - np.array([coarse.at(load) for load in loads])
@@ -54,7 +54,7 @@ def curves_of(
             errors, bounds = (
                 dict(zip(loads, table[:, i].tolist(), strict=True)) for table in along
             )
-            found[name] = Curve({at: float(fine[at][part][i]) for at in loads}, errors, bounds)
+            found[name] = GoalCurve({at: float(fine[at][part][i]) for at in loads}, errors, bounds)
     return found
 
 

@@ -262,7 +262,7 @@ class GoalError:
         return _share(bound / abs(self.value))
 
 
-class Curve(NamedTuple):
+class GoalCurve(NamedTuple):
     """A goal after the steps of a run, by the rounded load.
 
     Attributes
@@ -277,12 +277,12 @@ class Curve(NamedTuple):
     errors: dict[float, float | None]
     bounds: dict[float, float | None]
 
-    def seen_from(self, values: Mapping[float, float]) -> Curve:
+    def seen_from(self, values: Mapping[float, float]) -> GoalCurve:
         """Return the curve of other ``values``, whose errors lead to the same corrected ones."""
         here, errors = {at: values[at] for at in self.values if at in values}, dict(self.errors)
         for at, value in here.items():
             errors[at] = self.values[at] + (self.errors[at] or 0.0) - value
-        return Curve(here, errors, self.bounds)
+        return GoalCurve(here, errors, self.bounds)
 
 
 def no_contact_text(force: str) -> str:
@@ -407,7 +407,7 @@ class Estimate:
         The loads of goals that are not those of the end.
     duration : float or None
         The time [s] at load 1; None in statics.
-    curves : dict of Curve
+    curves : dict of GoalCurve
         The goals after each step, where a coarser run measured their errors.
     history : dict of (scalars,) array
         All components of the goals by the rounded load, at the beginning and after each step.
@@ -433,7 +433,7 @@ class Estimate:
     left_out: list[str] = field(default_factory=list)
     loads: dict[str, float] = field(default_factory=dict)
     duration: float | None = None
-    curves: dict[str, Curve] = field(default_factory=dict, repr=False)
+    curves: dict[str, GoalCurve] = field(default_factory=dict, repr=False)
     history: dict[float, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     @classmethod

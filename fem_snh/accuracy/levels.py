@@ -260,7 +260,8 @@ class Levels:
         if not self._has_bounds:
             return _TO_MEASURE[self.dim]
         factor = (self._excess_of_mesh / _AIM) ** (1 / self._order)
-        return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
+        least = _LEAST_REFINEMENT if self._is_confirmed else _TO_MEASURE[self.dim]
+        return float(min(max(factor, least), _MOST_REFINEMENT))
 
     @property
     def _order(self) -> float:
@@ -290,12 +291,17 @@ class Levels:
         return self.worst is not None and self.worst[1] < inf
 
     @property
+    def _is_confirmed(self) -> bool:
+        """Whether the goals have bounds, and the estimates of those not within are confirmed."""
+        goals = self.asked_goals.values()
+        return self._has_bounds and all(g.confirmed or g.within <= self.asked for g in goals)
+
+    @property
     def left_of_errors(self) -> float:
         """The part of the errors of the mesh that the next level may leave; 0 to measure them."""
-        excess = self._excess_of_mesh
-        if not self._has_bounds or not all(goal.confirmed for goal in self.asked_goals.values()):
+        if not self._is_confirmed:
             return 0.0
-        return _AIM / excess if excess > 0 else 1.0
+        return _AIM / excess if (excess := self._excess_of_mesh) > 0 else 1.0
 
     def shorter_steps(self) -> float:
         """Return the factor by which the steps of the next level are to be shorter."""

@@ -155,12 +155,12 @@ class Recorder:
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.asked.items()}
         rows = {round(r["load"], LOAD_DIGITS): r for r in self.record["steps"] if r["converged"]}
-        from fem_snh.accuracy.goal_errors import Curve
+        from fem_snh.accuracy.goal_errors import GoalCurve
 
         for name, goal in estimate.asked.items():
             load = round(estimate.loads.get(name, self._problem.load), LOAD_DIGITS)
             curve = estimate.curves.get(name)
-            curve = curve or Curve({load: goal.value}, {load: goal.error}, {load: goal.bound})
+            curve = curve or GoalCurve({load: goal.value}, {load: goal.error}, {load: goal.bound})
             for at in curve.values.keys() & rows.keys():  # others are between steps
                 row = rows[at]
                 row.setdefault("goals", {})[name] = curve.values[at]
