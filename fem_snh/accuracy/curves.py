@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import OF_VECTOR
-from fem_snh.accuracy.goal_errors import GoalCurve, Estimate, GoalError
+from fem_snh.accuracy.goal_errors import Estimate, GoalCurve, GoalError
 from fem_snh.accuracy.path_errors import Followed
 from fem_snh.problem.goals import Goal, names_of, slices_of
 

@@ -84,12 +84,13 @@ def measure(values: Array, estimates: Array, missed: Array | None = None) -> Mea
         confirmed &= abs(theta - before_it) <= MISSED * max(theta, before_it)
         mean = min(max((1 + theta) / 2, 1 - MISSED), 1 + MISSED)
         factor = max(theta, 0.0) if confirmed else mean
+    sizes = float(np.abs(e).max()), float(np.abs(before).max())
+    confirmed &= sizes[0] <= _SLOWEST * sizes[1]
     bounds = np.maximum(missed, abs(theta - 1) * np.abs(e))
     if not confirmed:
         bounds = np.maximum(bounds, np.abs(values[-1] + e - values[-2] - before) + np.abs(before))
     bounds = np.maximum(bounds, OF_VECTOR * bounds.max(initial=0.0))
-    largest = float(np.abs(before).max())
-    ratio = min(float(np.abs(e).max()) / largest, _SLOWEST) if largest else _SLOWEST
+    ratio = min(sizes[0] / sizes[1], _SLOWEST) if sizes[1] else _SLOWEST
     rest = float(np.abs(values[-1] - values[-2] - theta * (before - e)).max())
     return Measured(theta, factor, bounds + rest * ratio / (1 - ratio), confirmed)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import reduce
 from itertools import chain
-from math import floor, inf, log10, nan
+from math import floor, inf, log10, nan, sqrt
 from operator import or_
 from typing import Any, NamedTuple
 
@@ -317,8 +317,9 @@ def with_bounds(
     coarser : sequence of mapping
         Those of the levels before, the coarsest first.
     left : float
-        The part of the last one's error of the mesh that smooth solutions would leave: an estimate
-        below it is small by chance.
+        The part of the last one's error of the mesh that smooth solutions would leave, with the
+        order 2p. An estimate below it is small by chance; with one effectivity only the order p is
+        believed.
     """
     found = dict(goals)
     vectors: dict[str, list[str]] = {}
@@ -335,7 +336,9 @@ def with_bounds(
         known = [[level[name] for name in names] for level in levels]
         values = np.array([[goal.value + goal.of_others for goal in level] for level in known])
         estimates = np.array([[goal.of_mesh for goal in level] for level in known])
-        missed = np.array([goals[n].missed_of_mesh(levels[-2][n], left) for n in names])
+        before = known[-2][0]
+        part = left if before.bound is not None and before.confirmed else sqrt(left)
+        missed = np.array([goals[n].missed_of_mesh(levels[-2][n], part) for n in names])
         theta, factor, bounds, confirmed = measure(values, estimates, missed)
         for name, bound in zip(names, bounds, strict=True):
             goal = replace(goals[name], theta=theta, factor=factor, confirmed=confirmed)
@@ -345,11 +348,16 @@ def with_bounds(
 
 
 def _bounded(goal: GoalError, bound: float, coarser: GoalError) -> GoalError:
-    """Return a goal with a bound: at least its change from a coarser level that contradicts it."""
+    """Return a goal with a bound, which a coarser level's may contradict.
+
+    It is at least the change from a value that differs by more than both bounds; and the coarser
+    bound if nothing confirms that the error has decreased.
+    """
     corrected = goal.corrected or 0.0
     if coarser.bound is not None and coarser.corrected is not None:
         change = abs(corrected - coarser.corrected)
         bound = max(bound, change) if change > bound + coarser.bound else bound
+        bound = bound if goal.confirmed else max(bound, coarser.bound)
     return replace(goal, bound=bound, scale=max(goal.scale, abs(corrected)))
 
 

@@ -127,6 +127,8 @@ class LevelRow:
         None: that of cells of one size.
     gives_way : str
         The note that supports without an area carry a force: finer meshes have another answer.
+    inverted : str
+        The note that points are inverted: another state.
     """
 
     element: str
@@ -144,6 +146,7 @@ class LevelRow:
     steps_fail: bool = False
     left: float | None = None
     gives_way: str = ""
+    inverted: str = ""
 
 
 class Levels:
@@ -232,8 +235,7 @@ class Levels:
     @property
     def reached(self) -> bool:
         """Whether every goal of the last level is within the request."""
-        worst = self.worst
-        return worst is not None and worst[1] <= self.asked and not self.rows[-1].gives_way
+        return self._bounds_suffice and not (self.rows[-1].gives_way or self.rows[-1].inverted)
 
     @property
     def futility(self) -> str:
@@ -242,7 +244,9 @@ class Levels:
         without = [not row.goals for row in self.rows[-_MOST_WITHOUT:]]
         if row.estimate.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
             return f"no estimate of the error: {row.reason}"
-        return row.gives_way if self._has_bounds else ""  # it gives way without a limit
+        if self._has_bounds and row.gives_way:  # without a limit
+            return row.gives_way
+        return row.inverted if self._bounds_suffice else ""
 
     def changes(self) -> LevelChanges:
         """Return how the next level differs from the last one."""
@@ -284,6 +288,11 @@ class Levels:
     def _excess_of_mesh(self) -> float:
         """The errors of the mesh over the request; 1 without bounds."""
         return self._excess("mesh") if self._has_bounds else 1.0
+
+    @property
+    def _bounds_suffice(self) -> bool:
+        """Whether every goal of the last level has a bound within the request."""
+        return self.worst is not None and self.worst[1] <= self.asked
 
     @property
     def _has_bounds(self) -> bool:

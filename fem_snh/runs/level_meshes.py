@@ -88,8 +88,8 @@ _PLANE = {"P2P0": "P2P1"}
 _FIRST = (0.25, 0.125)
 #: Required accuracy from which a coarser mesh is likely to suffice, and the ratios for it.
 _COARSE, _FIRST_OF_COARSE = 0.005, (1 / 6, 1 / 12)
-#: Fewest cells along an edge of a first level, and fewest time steps.
-_FEWEST, _FEWEST_STEPS = 2, 16
+#: Fewest cells along an edge of a first level, by the dimension, and fewest time steps.
+_FEWEST, _FEWEST_STEPS = {2: 4, 3: 2}, 16
 #: The option of Newton's tolerance, and its largest value over the accuracy: the residual is at
 #: most a tenth of the accuracy, relative to the acting forces (`fem_snh.choices.ACTING_FORCES`).
 _TOLERANCE, _OF_ASKED = "snes_scaled_tol", 1e-4
@@ -181,8 +181,8 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         assert scene.cells
         coarse = wanted.within >= _COARSE and _may_raise(scene)
         parts = _FIRST_OF_COARSE if coarse else _FIRST
-        fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
-        update["cells"] = cells_of(scene, fewest)
+        least = min(scene.cells, _FEWEST[kinematics_of(scene.kinematics).dim])
+        update["cells"] = cells_of(scene, max(least, parts[raised] * scene.cells))
     given = scene.petsc.get(_TOLERANCE)
     tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given)
     if tolerance > (least := _OF_ASKED * wanted.within):

@@ -285,8 +285,12 @@ class _LevelRuns:
     def _end_level(self, result: Result) -> Result:
         """Print the present level's goals; if it converged, replace the last finished level."""
         levels = self._levels
-        thin = [n["text"] for n in result.notes if n["kind"] == "supports" and "force" in n]
-        levels.rows[-1].gives_way = thin[0] if thin else ""
+        row, last = levels.rows[-1], len(result.steps) - 1
+        for note in result.notes:
+            if note["kind"] == "supports" and "force" in note:
+                row.gives_way = note["text"]
+            if note["kind"] == "inverted" and note["step"] == last:
+                row.inverted = note["text"]
         self._printed.level(levels.lines())
         if result.converged:
             self._finished = result.record | {"accuracy": levels.record()}
