@@ -1,5 +1,9 @@
 r"""The differences of goals between a run and its lifted problem, which Newton iterations find.
 
+The run's state is the first guess, and the solver is that of the run, so that a few iterations
+suffice. Where each reduces the residual to :math:`\rho` times its size, all further ones change a
+vector by a multiple of :math:`\rho / (1 - \rho)` times its last change.
+
 How much of the error the lifted solution leaves follows from the decay of its own degrees. The
 error of an element of degree p on a given mesh decreases as :math:`C p^{-\beta}` where the solution
 is singular (Babuska & Suri 1987), and faster where it is smooth. A lifted solution of degree 3 has
@@ -14,8 +18,7 @@ over all cells, divided by that of degree 3.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
 from math import log
 
@@ -24,183 +27,253 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
+from fem_snh import _dolfinx, solver
+from fem_snh._petsc import negative_pivots
+from fem_snh.accuracy.effectivity import OF_VECTOR
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
-from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.unknowns import local_values
-from fem_snh.problem.goals import Goal, bind_all, names_of, slices_of
+from fem_snh.errors import BadInput
+from fem_snh.linalg.direct_solver import is_direct
+from fem_snh.problem.duals import HessianSolver, assemble_hessian
+from fem_snh.problem.free_motions import Supports
+from fem_snh.problem.goals import Goal, bind_all, slices_of
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.state_notes import is_at_rest
+from fem_snh.solver.stability import are_factors_cheap, has_negative_curvature, is_definite
 
 Array = npt.NDArray[np.float64]
 
-#: Part of a difference that may be unsettled.
-SETTLED = 0.02
-#: What is below this part of a goal's scale is rounding.
-ROUNDING = 1e-6
-#: Part of a goal's scale that may be unsettled: this part of the largest error of a goal, up to
-#: changes that are negligible; and this part of the relative error that is asked for, if it is
-#: more.
-_OF_LARGEST, _NEGLIGIBLE, _OF_ASKED = 0.01, 1e-4, 0.05
-#: Further iterations would change a difference by this multiple of the last change in its vector,
-#: times what the last iteration left of the residual (docs/results/error.md), and at least by this
-#: part of that change: linear solves leave as much of a small component as of the largest one.
-_CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
-#: The least Newton iterations, as the first change is the whole difference; and the part of the
-#: first residual to which the residual is reduced at least.
-_LEAST_NEWTON, _REDUCED = 2, 1e-2
-#: There is no estimate if more than this part of the forces is rounding: with 1 % errors of 2 % are
-#: a quarter too small (a cube stretched by 1e-11).
-_LARGEST_ROUNDING = 0.01
+#: Prefix of its solver's options: those of the run are for another problem.
+PREFIX = f"{solver.PREFIX}lifted_"
+#: Relative tolerance of linear solves. 1e-2 leaves half of the differences of a slender body after
+#: an iteration, and up to 80 % of the indicators of a force, whose dual solution is about a
+#: translation of the body: their products with the residual cancel. 1e-3 leaves 3 %.
+_RTOL = 1e-3
+#: Further iterations change a difference by so many times what the reduction of the residual says:
+#: the residual's norm weighs slow modes less (error_estimates of cook, twist, plane: with 3, what is
+#: settled changes by at most 2 %).
+_CONTRACTION = 3.0
+#: Part of a difference that may be unsettled: a small part of the half that its bound is at least.
+_SETTLED = 0.02
+#: Newton iterations in all: a state that needs more is far from the run's.
+_MAX_IT = 30
 
 
-@dataclass(frozen=True)
-class Differences:
-    """What is to be added to each goal.
-
-    Attributes
-    ----------
-    values : (goals,) array
-        The differences.
-    unsettled : (goals,) array
-        By how much further iterations would change them, about.
-    """
-
-    values: Array
-    unsettled: Array
-
-    def __add__(self, other: Differences) -> Differences:
-        return Differences(self.values + other.values, self.unsettled + other.unsettled)
-
-    def scaled(self, factor: float | Array) -> Differences:
-        """Return the differences times a factor."""
-        return Differences(factor * self.values, factor * self.unsettled)
-
-
-class LiftedGoals:
-    """Goals of a run in its lifted problem. Collective.
+class Lift:
+    """Solves the lifted problem from the state of the run. Collective.
 
     Parameters
     ----------
-    lift : Lift
-        Solves the lifted problem.
-    goals : sequence of Goal
-        The goals.
-    estimate : Estimate
-        Has their values in the run, and counts the iterations.
+    problem : Problem
+        The problem at its solution.
+    lifted : Problem
+        The same with the lifted element, from `fem_snh.accuracy.lift.create_in`.
 
     Attributes
     ----------
-    values, scales : (goals,) array
-        The values in the run, and what their errors are relative to.
+    newton, linear : int
+        Newton and linear iterations so far.
+    start, start_gradient : PETSc.Vec
+        The run's state in the lifted problem, and the gradient of the energy there.
+
+    Raises
+    ------
+    NoEstimate
+        If the lifted problem cannot start from this state.
     """
 
-    def __init__(
-        self,
-        lift: Lift,
-        goals: Sequence[Goal],
-        estimate: Estimate,
-    ) -> None:
-        self.lift, self.goals, self.estimate = lift, goals, estimate
-        self.values, self.scales = values_of(estimate, goals), scales_of(estimate, goals)
-        #: Returns the goals in the present state of the lifted problem, (scalars,).
-        self.evaluate = bind_all(goals, lift.lifted)
+    def __init__(self, problem: Problem, lifted: Problem) -> None:
+        self.problem, self.lifted = problem, lifted
+        self.newton = self.linear = 0
+        self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
+        lifted.gradient(self.start, self.start_gradient)
+        try:
+            lifted.history.begin_step(lifted.split(lifted.x)[0])
+        except BadInput as error:  # a barrier, as finer triangles of the surface may intersect
+            raise NoEstimate(
+                f"the run's state is not admissible in {lifted.element.name}: {error}"
+            ) from None
+        # Each solve is one Newton iteration, which does not end at an equilibrium.
+        self._snes = solver.create(lifted, prefix=PREFIX, examine_stability=False)
+        #: The Hessian of the last Newton iteration.
+        self._last_filter = ""
+        #: Whether the solver has the exact Hessian, with its preconditioner.
+        self._is_assembled = False
 
-    def iterate(self) -> Array:
-        """Make a Newton iteration, and return the goals.
+    def differences(
+        self, goals: Sequence[Goal], estimate: Estimate, negligible: float
+    ) -> tuple[Array, Array]:
+        """Return the goals in the lifted problem less those of the run, (goals,).
+
+        And by how much further iterations would change them, about.
+
+        Parameters
+        ----------
+        goals : sequence of Goal
+            The goals.
+        estimate : Estimate
+            Has their values in the run, and what their errors are relative to.
+        negligible : float
+            Part of the scales that may be unsettled.
+
+        Raises
+        ------
+        NoEstimate
+            If no stable equilibrium is found.
+        """
+        evaluate, settled = bind_all(goals, self.lifted), False
+        values, scales = estimate.values(goals), estimate.scales(goals)
+        found = np.zeros(len(values))
+        while not settled:
+            reduction = self._iterate()
+            before, found = found, evaluate() - values
+            if not np.isfinite(found).all():
+                name = self.lifted.element.name
+                raise NoEstimate(f"a goal is not finite in the state of {name}")
+            if reduction is None:
+                unsettled = self._part_of_rounding * np.where(np.isfinite(scales), scales, 0.0)
+                if self.newton == 0:  # the run's state is a solution
+                    unsettled = np.maximum(np.abs(found), unsettled)
+                break
+            rate = max(reduction, _RTOL)
+            further = _CONTRACTION * rate / (1 - rate)
+            unsettled = further * _sizes(goals, found - before)
+            limits = np.maximum(_SETTLED * np.abs(found), negligible * scales)
+            settled = self._is_stable and bool((unsettled <= limits).all())
+        if not self._is_stable:
+            raise self._unstable("negative curvature")
+        return found, unsettled
+
+    def _iterate(self) -> float | None:
+        """Make a Newton iteration, or several until the residual decreases. Collective.
+
+        Returns
+        -------
+        float or None
+            The residual over that before; None if it was zero to all digits.
 
         Raises
         ------
         NoEstimate
             If the solver does not converge.
         """
-        self.lift.solve()
-        self.estimate.newton, self.estimate.linear = self.lift.newton, self.lift.linear
-        return self.evaluate()
-
-    def differences(self, asked: float) -> Differences:
-        """Return the goals in the lifted problem less those of the run.
-
-        Of a relative error that is ``asked`` for a small part may be unsettled.
-
-        Raises
-        ------
-        NoEstimate
-            If no stable equilibrium is found, or the differences do not settle.
-        """
-        lift = self.lift
-        values: Array = np.zeros(len(self.values))
-        while True:
-            before = values
-            values = self.iterate() - self.values
-            if not np.isfinite(values).all():
-                name = lift.lifted.element.name
-                raise NoEstimate(f"a goal is not finite in the state of {name}")
-            if lift.at_end:
-                found = Differences(values, self._unsettled_at_end(values))
-            else:
-                further = max(_LEAST_CHANGE, _CONTRACTION * lift.last_reduction)
-                changes = largest_components(self.goals, values - before)
-                found = Differences(values, further * changes)
-            enough = lift.newton >= _LEAST_NEWTON and lift.reduction <= _REDUCED
-            if lift.at_end or (self._settled(found, asked) and enough and lift.stable):
-                break
-        if not lift.stable:
-            raise lift.unstable("negative curvature")
-        return found
-
-    def _settled(self, found: Differences, asked: float) -> bool:
-        """Return whether further iterations would change no difference by much."""
-        sizes, has_scale = np.abs(found.values), self.scales > 0
-        relative = sizes[has_scale] / self.scales[has_scale]
-        of_scale = min(_OF_LARGEST * relative.max(initial=0.0), _NEGLIGIBLE)
-        of_scale = max(of_scale, _OF_ASKED * asked, ROUNDING)
-        limits = np.maximum(SETTLED * sizes, of_scale * self.scales)
-        return bool((found.unsettled <= limits).all())
-
-    def _unsettled_at_end(self, values: Array) -> Array:
-        """Return what the residual of the lifted problem leaves of differences.
-
-        If the run's state is a solution in it, they are at most about the part that the residual
-        is of the forces.
-
-        Raises
-        ------
-        NoEstimate
-            If forces are so small that this part is rounding.
-        """
-        lift, problem = self.lift, self.lift.problem
-        forces = problem.largest_force(problem.x)
-        if not forces or is_at_rest(problem):
-            return np.zeros(len(values))
-        part = lift.residual / forces
-        if part > _LARGEST_ROUNDING and lift.residual <= lift.lifted.rounding_force(lift.lifted.x):
+        self._snes.setTolerances(max_it=max(_MAX_IT - self.newton, 0))
+        context = self._snes.getPythonContext()
+        context.reduction = 1 - 1e-3  # any decrease that is more than rounding
+        context.options["snes_forcing_max"] = _RTOL
+        outcome = solver.StepOutcome()
+        solver.solve_until_settled(self.lifted, self._snes, outcome)
+        self.newton += outcome.newton
+        self.linear += outcome.linear
+        if outcome.history:
+            self._last_filter = outcome.history[-1].filter
+            self._is_assembled = self._last_filter in ("exact", "none needed")
+        if not outcome.converged:
+            unstable = ""
+            if not self._is_stable:
+                unstable = (
+                    ": the Hessian has negative curvature there, and on finer cells the body may "
+                    "leave it"
+                )
             raise NoEstimate(
-                f"{100 * part:.2g} % of the forces are within rounding in "
-                f"{lift.lifted.element.name}, as strains are so small"
+                f"no equilibrium of {self.lifted.element.name} was found near the run's "
+                f"({outcome.reason} after {self.newton} Newton iterations){unstable}"
             )
-        if lift.newton == 0:
-            finite = np.where(np.isfinite(self.scales), self.scales, 0.0)
-            return np.maximum(np.abs(values), part * finite)
-        return min(_CONTRACTION * lift.reduction, 1.0) * np.abs(values)
+        self._residual = outcome.residual
+        return outcome.residual / outcome.history[0].residual if outcome.newton else None
+
+    @property
+    def _part_of_rounding(self) -> float:
+        """What is left of the residual, over the forces: about the part of a solution."""
+        forces = self.problem.largest_force(self.problem.x)
+        return self._residual / forces if forces and not is_at_rest(self.problem) else 0.0
+
+    @property
+    def _is_stable(self) -> bool:
+        """Whether the last Newton step needed no filter; a pressure may hide instability."""
+        return self._last_filter not in ("clamp", "abs")
+
+    def dual_solver(self) -> HessianSolver:
+        """Return the solver with the Hessian at the solution. Collective.
+
+        On fine meshes, where errors are small, that of the last Newton iteration serves: sums of
+        indicators change by 1 to 2 %. Where the preconditioner finds the
+        Hessian indefinite, the filtered one replaces it. The solutions are NaN if no solver
+        converges.
+        """
+        serves = self._is_assembled and not are_factors_cheap(self.lifted)
+        return HessianSolver(self.lifted, self._snes.getKSP(), _RTOL, assembled=serves)
+
+    def may_be_unstable(self, asked: bool) -> bool:
+        """Find out whether the exact Hessian has negative eigenvalues. Collective.
+
+        A perfect column is straight in both elements, and the better one buckles before the stiffer
+        one does. A solver with sparse factors has often counted the eigenvalues. Otherwise
+        iterations tell that there are none (`fem_snh.solver.stability`); where they do not, they
+        are counted if that is cheap, or it is ``asked`` for.
+
+        Returns
+        -------
+        bool
+            Whether that is unknown, as iterations do not tell.
+
+        Raises
+        ------
+        NoEstimate
+            If the equilibrium is unstable: on a finer mesh the body may leave it.
+        """
+        lifted, ksp = self.lifted, self._snes.getKSP()
+        if not solver.is_conservative(lifted):
+            return False
+        stability = solver.EquilibriumStability(lifted)
+        if is_direct(ksp):
+            if self._is_assembled and negative_pivots(ksp.getPC()) == stability.expected:
+                return False
+        elif not asked:
+            definite = None
+            if not lifted.rigid:  # rotations of rigid parts are other unknowns
+                if not self._is_assembled:
+                    assemble_hessian(lifted, ksp, "exact")
+                definite, self._is_assembled = is_definite(lifted, ksp), True
+            if definite:
+                return False
+            if not are_factors_cheap(lifted):
+                if lifted.rigid or lifted.operator != lifted.A:
+                    return True
+                # An unknown pressure makes up for negative eigenvalues of the displacement's part.
+                negative = definite is False
+                if lifted.saddle_point:
+                    self._is_assembled, negative = False, has_negative_curvature(lifted, ksp)
+                if negative:
+                    raise self._unstable("negative eigenvalues")
+                return True
+        self._is_assembled, count = False, stability.negative_eigenvalues(lifted.x)
+        # Free rotations of rigid parts, whose unknowns are others, have eigenvalues of the size of
+        # the residual, which a few Newton iterations leave.
+        rigid = len(Supports(lifted).free_motions()) if count > 0 and lifted.rigid else 0
+        if count > rigid:
+            raise self._unstable(f"{count} negative eigenvalue{'s' if count > 1 else ''}")
+        return False
+
+    def _unstable(self, what: str) -> NoEstimate:
+        """Return that there is no estimate, as what the Hessian has shows an instability."""
+        return NoEstimate(
+            f"the equilibrium of {self.lifted.element.name} near the run's is unstable: its "
+            f"Hessian has {what}, and on finer cells the body may leave it"
+        )
+
+    def close(self) -> None:
+        """Destroy the solver."""
+        solver.destroy(self._snes)
 
 
-def values_of(estimate: Estimate, goals: Sequence[Goal]) -> Array:
-    """Return the values of goals in the run."""
-    return np.array([estimate.goals[name].value for name in names_of(goals)])
-
-
-def scales_of(estimate: Estimate, goals: Sequence[Goal]) -> Array:
-    """Return what the errors of goals are relative to."""
-    return np.array([estimate.goals[name].scale for name in names_of(goals)])
-
-
-def largest_components(goals: Sequence[Goal], values: Array) -> Array:
-    """Return for each scalar the largest size of a component of its goal, (scalars,)."""
-    largest = np.zeros(len(values))
+def _sizes(goals: Sequence[Goal], values: Array) -> Array:
+    """Return the sizes of scalars; of a component at least a fifth of the largest in its vector."""
+    sizes = np.abs(values)
     for components in slices_of(goals):
-        largest[components] = np.abs(values[components]).max()
-    return largest
+        least = OF_VECTOR * sizes[components].max()
+        sizes[components] = np.maximum(sizes[components], least)
+    return sizes
 
 
 #: Exponents between which the decay of a cell is sought. 2 is that of a crack in linear elasticity,
@@ -208,7 +281,6 @@ def largest_components(goals: Sequence[Goal], values: Array) -> Array:
 #: body strains are finite, and cells have exponents of 0.8 to 1.2: with 1.5 the estimates are right
 #: there (docs/theory/error.md). At 12 a further degree leaves less than a hundredth.
 _EXPONENTS = np.linspace(1.5, 12.0, 211)
-
 #: Cells that are evaluated together: some 10 MB of gradients.
 _BATCH = 2000
 
@@ -221,7 +293,7 @@ def saturation(lifted: Problem, u: PETSc.Vec) -> float:
     """
     if lifted.element.degree < 3:
         return 1.0
-    second, third = _parts(lifted, u)
+    second, third = _parts(lifted, u).T
     ratio = np.divide(third, second, out=np.zeros_like(third), where=second > 0)
     further = np.interp(ratio, *_table())
     sums = lifted.comm.allreduce(np.array([third.sum(), (third * further).sum()]))
@@ -236,37 +308,23 @@ def _table() -> tuple[Array, Array]:
     return ratio[::-1], further[::-1]
 
 
-def _parts(lifted: Problem, vector: PETSc.Vec) -> tuple[Array, Array]:
-    """Return a_2 and a_3 of each cell of this rank."""
-
-    def parts(u: Array, X: Array) -> Array:
-        volumes, gradients = _gradients(lifted, u, X, [1, 2, 3])
-        steps = [new - old for old, new in pairwise(gradients)]
-        return np.stack([(volumes * (d**2).sum(axis=(2, 3))).sum(axis=1) for d in steps], axis=1)
-
-    second, third = _in_batches(lifted, vector, parts).reshape(-1, 2).T
-    return second, third
-
-
-def _in_batches(
-    problem: Problem, vector: PETSc.Vec, evaluate: Callable[[Array, Array], Array]
-) -> Array:
-    """Return a function of the displacements and coordinates of the nodes of owned cells."""
-    u = local_values(vector).reshape(-1, problem.kinematics.components)
-    nodes = _dolfinx.node_dofs(problem.V)
-    geometry = _dolfinx.geometry_dofs(problem.domain)
-    X = _dolfinx.geometry_x(problem.domain)[:, : problem.kinematics.dim]
-    batches: list[Array] = []
+def _parts(lifted: Problem, vector: PETSc.Vec) -> Array:
+    """Return a_2 and a_3 of each cell of this rank, (cells, 2)."""
+    u = local_values(vector).reshape(-1, lifted.kinematics.components)
+    nodes = _dolfinx.node_dofs(lifted.V)
+    geometry = _dolfinx.geometry_dofs(lifted.domain)
+    X = _dolfinx.geometry_x(lifted.domain)[:, : lifted.kinematics.dim]
+    parts = np.empty((len(nodes), 2))
     for first in range(0, len(nodes), _BATCH):
         batch = slice(first, first + _BATCH)
-        batches.append(evaluate(u[nodes[batch]], X[geometry[batch]]))
-    return np.concatenate(batches) if batches else np.empty(0)
+        volumes, gradients = _gradients(lifted, u[nodes[batch]], X[geometry[batch]])
+        for k, (old, new) in enumerate(pairwise(gradients)):
+            parts[batch, k] = (volumes * ((new - old) ** 2).sum(axis=(2, 3))).sum(axis=1)
+    return parts
 
 
-def _gradients(
-    problem: Problem, u: Array, X: Array, degrees: Sequence[int]
-) -> tuple[Array, list[Array]]:
-    """Return the volumes of quadrature points, and gradients of interpolations by degree.
+def _gradients(problem: Problem, u: Array, X: Array) -> tuple[Array, list[Array]]:
+    """Return the volumes of quadrature points, and gradients of interpolations of degree 1 to 3.
 
     From displacements and coordinates of the cells' nodes: (cells, points), and for each degree
     (cells, points, components, dim).
@@ -280,7 +338,7 @@ def _gradients(
         volumes *= X[..., 0] @ _dolfinx.tabulate_geometry_values(problem.domain, points).T
     inverse = np.linalg.inv(jacobians)
     gradients = []
-    for k in degrees:
+    for k in (1, 2, 3):
         nodes = _dolfinx.reference_nodes(cell, k)
         values = _dolfinx.tabulate_element(cell, degree, nodes, 0)[0] @ u
         basis = _dolfinx.tabulate_element(cell, k, points, 1)[1:]

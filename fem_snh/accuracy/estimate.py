@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 
 from mpi4py import MPI
@@ -13,12 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.differences import (
-    Differences,
-    LiftedGoals,
-    saturation,
-    scales_of,
-)
+from fem_snh.accuracy.differences import Lift, saturation
 from fem_snh.accuracy.effectivity import MISSED, OF_VECTOR
 from fem_snh.accuracy.goal_errors import (
     NO_CONTACT,
@@ -32,11 +28,10 @@ from fem_snh.accuracy.goal_errors import (
 )
 from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import (
-    Lift,
     check_memory,
     create_in,
-    create_lifted,
     element_of_factor,
+    first_that_fits,
     lifted_dofs,
     lifted_elements,
     memory,
@@ -45,21 +40,20 @@ from fem_snh.accuracy.penalties import penalty_errors
 from fem_snh.assembly.elements import Element
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
-from fem_snh.errors import in_words
+from fem_snh.errors import BadInput, in_words
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.problem.goals import Goal, StressGoal, TermGoal, names_of
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.state_notes import is_at_rest, may_lock
-from fem_snh.solver import StepOutcome
+from fem_snh.problem.state_notes import is_at_rest
 
 Array = npt.NDArray[np.float64]
 #: Goals are relative to the largest component of their vector that was asked for, or to this part
 #: of the largest displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
-#: Errors below this part of the goal are not located, as their indicators are sums that cancel; nor
-#: those below this part of what is asked for.
-_LOCATED, _LOCATED_OF_ASKED = 1e-4, 0.25
+#: Errors below this part of a goal's scale are neither settled nor located; in a run to an
+#: accuracy, below this part of it: a tenth of the share that the mesh has in the bound.
+_NEGLIGIBLE, _OF_ASKED = 1e-4, 0.05
 
 #: Called with the cost, before the errors are estimated.
 Announce = Callable[[Estimate], None]
@@ -72,7 +66,7 @@ class EstimateOptions:
     Attributes
     ----------
     asked : float
-        The relative error that is asked for: a small part of it may remain unsettled; 0: none is.
+        The relative error that is asked for, of which a small part is negligible; 0: none is.
     stability : bool
         Whether the stability of the lifted equilibrium is examined whatever it costs.
     locate_all : bool
@@ -86,6 +80,11 @@ class EstimateOptions:
     stability: bool = False
     locate_all: bool = True
     max_memory: float = inf
+
+    @property
+    def negligible(self) -> float:
+        """The part of a goal's scale that is negligible."""
+        return _OF_ASKED * self.asked if self.asked else _NEGLIGIBLE
 
 
 def estimate_error(
@@ -116,18 +115,108 @@ def estimate_error(
     with estimating(problem, goals, mesh) as estimate:
         check_problem(problem)
         check_shapes(problem)
-        element = next(lifted_elements(problem))
-        elements = [element, element_of_factor(problem, element)]
-        announce_cost(problem, elements, estimate, announce, options.max_memory)
-        lifted = _LiftedErrors(problem, make, goals, estimate, options)
-        try:
-            lifted.add()
-        finally:
-            lifted.lift.destroy()
-        for name, indicators in estimate.indicators.items():
-            if where := place(problem, indicators, mesh):
-                estimate.places[name] = where
+        elements = list(lifted_elements(problem))
+        middle = element_of_factor(problem, elements[0])
+        others = [] if middle in (None, problem.element) else [middle]
+        announce_cost(problem, [elements[0], *others], estimate, announce, options.max_memory)
+        created_in = partial(create_in, problem=problem, make=make)
+        element, lifted = first_that_fits(elements, created_in)
+        estimate.element, penalty = element.name, {}
+        if problem.scale_penalties(1.0):
+            penalty["penalty"] = penalty_errors(problem, goals, estimate)
+        with closing(Lift(problem, lifted)) as lift:
+            values, unsettled = lift.differences(goals, estimate, options.negligible)
+            if lift.may_be_unstable(options.stability):
+                estimate.left_out.append(
+                    f"the state of {element.name} may be unstable, as iterations leave that open: "
+                    "a scene's stability = true tells"
+                )
+
+            def in_middle(middle: Element) -> Array:
+                with closing(Lift(problem, created_in(middle))) as other:
+                    return other.differences(goals, estimate, options.negligible)[0]
+
+            factor = saturation(lifted, lifted.split(lifted.x)[0])
+            of_mesh, factor = with_missed(problem, element, factor, values, in_middle)
+            estimate.saturation, unsettled = factor, factor * unsettled
+            parts = {"mesh": (of_mesh, MISSED * np.abs(of_mesh))}
+            set_parts(estimate, goals, parts | penalty, unsettled)
+            _set_least(lift, goals, estimate)
+            factors = np.full(len(values), estimate.saturation)
+            np.divide(of_mesh, values, out=factors, where=of_mesh * values > 0)
+            of_goals = dict(zip(names_of(goals), factors, strict=True))
+            chosen = _located(estimate, options)
+            for name, in_cells in cell_indicators(lift, goals, chosen).items():
+                estimate.indicators[name] = of_goals[name] * in_cells
+                if where := place(problem, estimate.indicators[name], mesh):
+                    estimate.places[name] = where
+            estimate.newton += lift.newton
+            estimate.linear += lift.linear
     return estimate
+
+
+def with_missed(
+    problem: Problem,
+    lifted: Element,
+    factor: float,
+    differences: Array,
+    in_middle: Callable[[Element], Array],
+) -> tuple[Array, float]:
+    """Return differences of goals with what the lifted solution misses of the errors. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem of the run.
+    lifted : Element
+        The lifted element.
+    factor : float
+        The factor of the lifted solution: see `saturation`.
+    differences : (goals,) array
+        The goals in the lifted element less those of the run.
+    in_middle : callable
+        Returns the same of another element.
+
+    Returns
+    -------
+    (goals,) array, float
+        The differences, and the factor; 1 where it does not apply.
+    """
+    middle = element_of_factor(problem, lifted)
+    if middle is None or factor == 1:
+        return differences, 1.0
+    others = 0.0 if middle is problem.element else in_middle(middle)
+    return differences + (factor - 1) * (differences - others), factor
+
+
+def _set_least(lift: Lift, goals: Sequence[Goal], estimate: Estimate) -> None:
+    """Set the least bounds: of displacements from the field, which is one vector; of stresses.
+
+    Errors of a stress on two sides of a point cancel in its mean. The field's errors are those at
+    vertices: inside of cells the lifted displacement varies on any mesh.
+    """
+    lifted = lift.lifted
+    change = np.abs(lifted.nodal(lifted.x) - lifted.nodal(lift.start))
+    corners = _dolfinx.cell_vertices(lifted.domain).shape[1]
+    vertices = np.unique(_dolfinx.node_dofs(lifted.V)[:, :corners])
+    of_vertices = change[vertices[vertices < len(change)]]
+    largest = lifted.comm.allreduce(float(of_vertices.max(initial=0.0)), op=MPI.MAX)
+    for goal in goals:
+        size = largest if goal.kind == "displacement" else 0.0
+        if isinstance(goal, StressGoal):
+            size = goal.size_of_change(lifted, lift.start)
+        least = OF_VECTOR * MISSED * estimate.saturation * size
+        for name in goal.names:
+            estimate.goals[name] = replace(estimate.goals[name], least=least)
+
+
+def _located(estimate: Estimate, options: EstimateOptions) -> Collection[str]:
+    """Return the goals whose errors are distributed to the cells: sums of them may cancel."""
+    relative = {
+        name: abs(goal.of_mesh) / goal.scale for name, goal in estimate.asked.items() if goal.scale
+    }
+    names = [name for name in relative if relative[name] > options.negligible]
+    return names if options.locate_all else [max(names, key=relative.__getitem__)] if names else []
 
 
 @contextmanager
@@ -136,7 +225,7 @@ def estimating(
 ) -> Iterator[Estimate]:
     """Yield the goals of a problem, to which errors are added in the ``with`` block. Collective.
 
-    NoEstimate that is raised in it is the reason why there are none.
+    NoEstimate or BadInput that is raised in it is the reason why there are none.
 
     Parameters
     ----------
@@ -155,7 +244,7 @@ def estimating(
         faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
         estimate.left_out += filter(None, [faces.text])
         _add_narrow_contacts(problem, estimate)
-    except NoEstimate as reason:
+    except (NoEstimate, BadInput) as reason:  # BadInput: an element does not fit
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
         estimate.steps_too_long = isinstance(reason, StepsTooLong)
@@ -232,130 +321,6 @@ def _mark_forces_without_contact(
                 estimate.goals[name] = replace(unknown, reason=NO_CONTACT)
 
 
-class _LiftedErrors:
-    """The errors of goals: their values in the lifted problem less those of the run. Collective.
-
-    Parameters are those of `estimate_error`, and the estimate to which they are added.
-
-    Attributes
-    ----------
-    lift : Lift
-        The lifted problem.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        make: Callable[[Element], Problem],
-        goals: Sequence[Goal],
-        estimate: Estimate,
-        options: EstimateOptions,
-    ) -> None:
-        self._problem, self._make = problem, make
-        self._estimate, self._options = estimate, options
-        lifted = create_lifted(problem, make)
-        estimate.element = lifted.element.name
-        self._given = goals
-        outcome = StepOutcome()
-        #: The part of the errors that penalties have, and what that may miss; None without any.
-        self._penalties = penalty_errors(problem, goals, scales_of(estimate, goals), outcome)
-        estimate.penalty_newton = outcome.newton
-        self.lift = Lift(problem, lifted)
-        self._goals = LiftedGoals(self.lift, goals, estimate)
-
-    def add(self) -> None:
-        """Add the errors to the estimate; raise NoEstimate if there are none."""
-        estimate, options = self._estimate, self._options
-        differences = self._goals.differences(options.asked)
-        estimate.may_be_unstable = self.lift.check_stability(options.stability)
-        mesh = differences + self._missed(differences)
-        parts = {"mesh": (mesh.values, MISSED * np.abs(mesh.values))}
-        if self._penalties is not None:
-            parts["penalty"] = self._penalties
-        set_parts(estimate, self._given, parts, mesh.unsettled)
-        self._set_least()
-        if chosen := self._located():
-            estimate.indicators = self._mesh_indicators(differences, mesh, chosen)
-        estimate.linear = self.lift.linear
-
-    def _missed(self, differences: Differences) -> Differences:
-        """Return what the lifted solution misses of the errors, from the decay of its own degrees.
-
-        ``differences`` are the goals in the lifted problem less those of the run.
-        """
-        problem, lifted, estimate = self._problem, self.lift.lifted, self._estimate
-        middle = element_of_factor(problem, lifted.element)
-        if middle is None and locks(problem, lifted.element):
-            return differences.scaled(0.0)
-        estimate.saturation = saturation(lifted, lifted.split(lifted.x)[0])
-        factor = estimate.saturation - 1
-        if middle is None:
-            return differences.scaled(factor)
-        lift = Lift(problem, create_in(middle, problem, self._make))
-        try:
-            # A copy of the estimate: the iterations that it counts are those of the lifted problem.
-            goals = LiftedGoals(lift, self._given, replace(estimate))
-            in_middle = goals.differences(self._options.asked)
-        finally:
-            lift.destroy()
-        between = differences.values - in_middle.values
-        return Differences(between, differences.unsettled + in_middle.unsettled).scaled(factor)
-
-    def _set_least(self) -> None:
-        """Set the least bounds: of displacements from the field, which is one vector; of stresses.
-
-        Errors of a stress on two sides of a point cancel in its mean. The field's errors are those
-        at vertices: inside of cells the lifted displacement varies on any mesh.
-        """
-        lift, lifted, known = self.lift, self.lift.lifted, self._estimate.goals
-        change = (lifted.x.array_r - lift.start.array_r)[: lifted.owned_displacements]
-        nodes = change.reshape(-1, lifted.kinematics.components)
-        corners = _dolfinx.cell_vertices(lifted.domain).shape[1]
-        vertices = np.unique(_dolfinx.node_dofs(lifted.V)[:, :corners])
-        sizes = np.abs(nodes[vertices[vertices < len(nodes)]])
-        largest = lifted.comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX)
-        for goal in self._given:
-            size = 0.0
-            if goal.kind == "displacement":
-                size = largest
-            elif isinstance(goal, StressGoal):
-                size = goal.size_of_change(lifted, lift.start)
-            least = OF_VECTOR * MISSED * self._estimate.saturation * size
-            known |= {name: replace(known[name], least=least) for name in goal.names}
-
-    def _located(self) -> list[str]:
-        """Return the goals whose errors are distributed to the cells."""
-        least, asked, goals = _LOCATED, self._options.asked, self._estimate.goals
-        if asked:
-            least = min(least, _LOCATED_OF_ASKED * asked)
-        names = [
-            name
-            for name, goal in goals.items()
-            if goal.asked and goal.scale > 0 and abs(goal.of_mesh) > least * goal.scale
-        ]
-        if self._options.locate_all or not names:
-            return names
-        return [max(names, key=lambda name: abs(goals[name].estimate or 0.0) / goals[name].scale)]
-
-    def _mesh_indicators(
-        self, errors: Differences, mesh: Differences, chosen: Collection[str]
-    ) -> dict[str, Array]:
-        """Return the errors of chosen goals in cells, with what the lifted solution misses.
-
-        Parameters
-        ----------
-        errors, mesh : Differences
-            The errors without and with that part.
-        chosen : collection of str
-            The names of the goals.
-        """
-        ratios = np.full(len(errors.values), self._estimate.saturation)
-        np.divide(mesh.values, errors.values, out=ratios, where=mesh.values * errors.values > 0)
-        factors = dict(zip(names_of(self._given), ratios, strict=True))
-        cells = cell_indicators(self.lift, self._given, chosen.__contains__)
-        return {name: factors[name] * values for name, values in cells.items()}
-
-
 def set_parts(
     estimate: Estimate,
     goals: Sequence[Goal],
@@ -384,13 +349,3 @@ def set_parts(
         estimate.goals[name] = replace(
             estimate.goals[name], estimate=total, parts=known, missed=missed
         )
-
-
-def locks(problem: Problem, lifted: Element) -> bool:
-    """Return whether the run's element locks: no decay of the lifted one's degrees shows that.
-
-    P2 on triangles hardly does, nor does an element whose lifted one is of the same kind.
-    """
-    triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
-    same = lifted.volume == problem.element.volume
-    return bool(may_lock(problem)) and not triangles and not same

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import measure
 from fem_snh.errors import in_words
-from fem_snh.problem.goals import vector_of
+from fem_snh.problem.goals import Goal, names_of, vector_of
 from fem_snh.problem.problem import Problem
 
 #: Components below this part of their vector are not printed: the solvers leave that much.
@@ -190,9 +190,10 @@ class GoalError:
 
     @property
     def is_zero(self) -> bool:
-        """Whether value and estimate are rounding beside the other components."""
+        """Whether the value is rounding beside the other components, and the error unsettled."""
         limit = _SHOWN * self.scale
-        return abs(self.value) <= limit and abs(self.error or 0.0) <= limit
+        unsettled = max(limit, self.missed.get("algebra", 0.0))
+        return abs(self.value) <= limit and abs(self.error or 0.0) <= unsettled
 
     def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""
@@ -285,11 +286,6 @@ class GoalCurve(NamedTuple):
         return GoalCurve(here, errors, self.bounds)
 
 
-def no_contact_text(force: str) -> str:
-    """Return the line of a force of contact without an estimate."""
-    return f"{force} 0, no estimate: {NO_CONTACT}"
-
-
 def _shown(value: float, error: float) -> str:
     """Return a value with three digits of its error, ten at most."""
     if not (error and value):
@@ -372,7 +368,7 @@ def with_scales_of_forces(goals: Mapping[str, GoalError]) -> dict[str, GoalError
 
 
 #: Numbers of an `Estimate` of which the sum counts at several loads; of others the largest does.
-_SUMS = "newton", "linear", "penalty_newton", "seconds", "jit"
+_SUMS = "newton", "linear", "seconds", "jit"
 
 
 @dataclass
@@ -396,9 +392,7 @@ class Estimate:
     saturation : float
         The factor by which the difference of the two solutions was multiplied.
     newton, linear : int
-        Its Newton and linear iterations.
-    penalty_newton : int
-        The Newton iterations with stiffer penalties.
+        Newton iterations, those with stiffer penalties among them, and linear iterations.
     again : int
         The steps in which the path is followed again; 0 where the end does not depend on it.
     seconds, jit : float
@@ -407,8 +401,6 @@ class Estimate:
         The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
     places : dict of Place
         Where half of each of them is.
-    may_be_unstable : bool
-        Whether the stability of the lifted equilibrium matters, and is unknown.
     left_out : list of str
         What the errors do not include, or what was not measured for them: a line each.
     loads : dict of float
@@ -431,13 +423,11 @@ class Estimate:
     saturation: float = 1.0
     newton: int = 0
     linear: int = 0
-    penalty_newton: int = 0
     again: int = 0
     seconds: float = 0.0
     jit: float = 0.0
     indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
     places: dict[str, Place] = field(default_factory=dict)
-    may_be_unstable: bool = False
     left_out: list[str] = field(default_factory=list)
     loads: dict[str, float] = field(default_factory=dict)
     duration: float | None = None
@@ -461,6 +451,14 @@ class Estimate:
                 combined[key] = sum(values) if key in _SUMS else max(values)
         combined["loads"] = {n: load for load, e in estimates.items() if load < 1 for n in e.goals}
         return cls(**combined)
+
+    def values(self, goals: Sequence[Goal]) -> npt.NDArray[np.float64]:
+        """Return the values of goals in the run, (scalars,)."""
+        return np.array([self.goals[name].value for name in names_of(goals)])
+
+    def scales(self, goals: Sequence[Goal]) -> npt.NDArray[np.float64]:
+        """Return what the errors of goals are relative to, (scalars,)."""
+        return np.array([self.goals[name].scale for name in names_of(goals)])
 
     @property
     def asked(self) -> dict[str, GoalError]:
@@ -489,28 +487,18 @@ class Estimate:
             return [f"no estimate of the error: {self.reason}"]
         shown = {name: goal for name, goal in self.asked.items() if not goal.is_zero}
         lines = [goal.text(self.label(name)) for name, goal in shown.items()]
-        return [*lines, *map(no_contact_text, self._open), *self.remarks]
+        return [*lines, *self.untouched.values(), *self.remarks]
 
     @property
     def remarks(self) -> list[str]:
         """The lines that follow the goals: where the largest error is, and what is left out."""
-        doubt = (
-            f"the state of {self.element} may be unstable, as iterations leave that open: a "
-            "scene's stability = true tells"
-        )
-        doubts = [doubt] if self.may_be_unstable else []
-        return [*filter(None, [self._where]), *doubts, *self.left_out]
-
-    @property
-    def _open(self) -> list[str]:
-        """The forces of contact without an estimate, as nothing touches."""
-        names = [vector_of(n) for n, goal in self.goals.items() if goal.reason == NO_CONTACT]
-        return list(dict.fromkeys(names))
+        return [*filter(None, [self._where]), *self.left_out]
 
     @property
     def untouched(self) -> dict[str, str]:
-        """The lines of forces of contact by name, as nothing touches."""
-        return {name: no_contact_text(name) for name in self._open}
+        """The lines of forces of contact by name, without an estimate as nothing touches."""
+        names = [vector_of(n) for n, goal in self.goals.items() if goal.reason == NO_CONTACT]
+        return {name: f"{name} 0, no estimate: {NO_CONTACT}" for name in names}
 
     @property
     def _where(self) -> str:
@@ -530,7 +518,7 @@ class Estimate:
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``estimate`` of run.json."""
-        keys = ("saturation", "may_be_unstable", "left_out", *_SUMS)
+        keys = ("saturation", "left_out", *_SUMS)
         return {
             "reason": self.reason or None,
             "element": self.element,
@@ -543,10 +531,6 @@ class Estimate:
 
 class NoEstimate(Exception):
     """There is no estimate of the error; the text says why in one line."""
-
-
-class ElementDoesNotFit(NoEstimate):
-    """The problem cannot have this element; another one may do."""
 
 
 class StepsTooLong(NoEstimate):

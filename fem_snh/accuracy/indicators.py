@@ -14,7 +14,7 @@ same way by the nodes of the run's element, so that the sum over all cells is ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from itertools import chain
 from typing import Any
 
@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.accuracy.differences import Lift
 from fem_snh.accuracy.goal_errors import Place
-from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.unknowns import summed_over_cells, with_ghosts
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.duals import Linearisation
@@ -34,17 +34,12 @@ from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: The part of the error whose cells are described.
+#: The part of the error whose cells are described: a half.
 _MOST = 0.5
-#: Dual problems that are solved together: their common Krylov space takes time with the square of
-#: their number, and memory with the number.
-_TOGETHER = 24
 
 
-def cell_indicators(
-    lift: Lift, goals: Sequence[Goal], wanted: Callable[[str], bool]
-) -> dict[str, Array]:
-    """Return the error of each wanted goal in each cell of this rank, by name. Collective.
+def cell_indicators(lift: Lift, goals: Sequence[Goal], chosen: Collection[str]) -> dict[str, Array]:
+    """Return the error of each chosen goal in each cell of this rank, by name. Collective.
 
     Goals whose dual problem the linear solver does not solve are missing.
 
@@ -54,30 +49,27 @@ def cell_indicators(
         The lifted problem at its solution.
     goals : sequence of Goal
         The goals.
-    wanted : callable
-        Whether the goal of a name is wanted.
+    chosen : collection of str
+        The names of the goals whose errors are wanted.
     """
-    problem, lifted = lift.problem, lift.lifted
-    at = Linearisation(lifted, lifted.x - lift.start, lift.linear_solves())
+    found: dict[str, Array] = {}
+    if not chosen:
+        return found
+    problem, lifted, solve = lift.problem, lift.lifted, lift.dual_solver()
+    at = Linearisation(lifted, lifted.x - lift.start, solve)
     shares = Shares(problem, lifted, lift.start_gradient)
-    asked = [
-        (goal, number, name)
-        for goal in goals
-        for number, name in enumerate(goal.names)
-        if wanted(name)
-    ]
-    found = {}
-    for batch in (asked[start : start + _TOGETHER] for start in range(0, len(asked), _TOGETHER)):
-        solutions = at.solutions([goal.dual(at, number) for goal, number, _ in batch])
-        for (goal, number, name), z in zip(batch, solutions, strict=True):
+    for goal in goals:
+        for number, name in enumerate(goal.names):
+            if name not in chosen:
+                continue
+            (z,) = at.solutions([goal.dual(at, number)])
             if not np.isfinite(z.norm()):
                 continue
             found[name] = -shares.of(z)
             if isinstance(goal, TermGoal):
-                found[name] += shares.of_forces(
-                    goal.nodal(lifted, lift.start, number),
-                    goal.nodal(problem, problem.x, number),
-                )
+                nodal = goal.nodal(lifted, lift.start, number)
+                found[name] += shares.of_forces(nodal, goal.nodal(problem, problem.x, number))
+    lift.linear += solve.iterations
     return found
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import ceil, inf
 from types import MappingProxyType
@@ -20,23 +21,21 @@ import numpy as np
 import numpy.typing as npt
 from numpy.linalg import norm
 
-from fem_snh.accuracy.differences import saturation, scales_of
+from fem_snh.accuracy.differences import saturation
 from fem_snh.accuracy.effectivity import MISSED, of_order
-from fem_snh.accuracy.estimate import Announce, announce_cost, estimating, locks, set_parts
+from fem_snh.accuracy.estimate import Announce, announce_cost, estimating, set_parts, with_missed
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
     TIME_STEPS,
-    ElementDoesNotFit,
     Estimate,
     NoEstimate,
     StepsTooLong,
     check_shapes,
 )
-from fem_snh.accuracy.lift import element_of_factor, lifted_elements
+from fem_snh.accuracy.lift import first_that_fits, lifted_elements
 from fem_snh.accuracy.penalties import STIFFER, without_penalties
 from fem_snh.assembly.elements import Element
 from fem_snh.choices import LARGEST, LOAD_DIGITS
-from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.goals import Goal, bind_all, is_as_far, names_of, slices_of
 from fem_snh.problem.problem import Problem
@@ -46,17 +45,13 @@ Array = npt.NDArray[Any]
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
 #: load steps, whose friction acts along the chord of a step.
 _CONTACT_ORDER = 1
-#: Fewest time steps of which half are worth comparing, and of which a quarter are.
-_FEWEST_STEPS, _FEWEST_QUARTER = 4, 4
+#: The number of a path's steps is a multiple of this where half and a quarter of them measure their
+#: error; and fewer time steps, in half or in a quarter of them, resolve no motion.
+HALVES = 4
 #: Fewest steps that resolve a motion well enough that the errors of mesh and penalties are measured
 #: with them: with 50 and 100 steps of a bounce that of the mesh differs by a tenth.
 _ENOUGH_STEPS = 100
-#: Steps are a multiple of this where half and a quarter of them measure their error.
-HALVES = 4
-#: Part of a path, up to where a goal is evaluated, whose common instants are one vector with it:
-#: errors of a vibration change their sign, and are small at an instant by chance.
-_LATE = 0.5
-#: The least ratio of the numbers of steps that are compared.
+#: The least ratio of the numbers of steps that are compared: halfway from none to half of them.
 _LEAST_RATIO = 1.5
 
 
@@ -139,15 +134,14 @@ class Path:
 
         Raises
         ------
+        BadInput
+            If the element does not fit.
         NoEstimate
-            If the element does not fit, or the path does not reach its end.
+            If the path does not reach its end.
         """
         name = (element or self._stepper.problem.element).name
-        try:
-            with self._repeat(steps, element, stiffer) as stepper:
-                return end_of(stepper, stepper.problem, goals, f"with {steps} steps of {name}")
-        except BadInput as error:  # a material without a volume term, a term of a program's own
-            raise ElementDoesNotFit(f"{name} does not fit: {error}") from None
+        with self._repeat(steps, element, stiffer) as stepper:
+            return end_of(stepper, stepper.problem, goals, f"with {steps} steps of {name}")
 
 
 class Followed(NamedTuple):
@@ -160,7 +154,7 @@ class Followed(NamedTuple):
     taken, newton, linear : int
         The steps taken, where some may have failed and been halved, and their iterations.
     saturation : float
-        The factor of `fem_snh.accuracy.differences` at the end, of an element of degree 3.
+        The factor of `fem_snh.accuracy.differences` at the end of a motion; 1 without inertia.
     """
 
     values: Mapping[float, Array]
@@ -243,8 +237,8 @@ def estimate_on_path(
     with estimating(problem, goals, mesh) as estimate:
         check_shapes(problem)
         steps = path.steps
-        if problem.motion and steps < _FEWEST_STEPS:
-            raise NoEstimate(f"{steps} time steps: expected at least {_FEWEST_STEPS}")
+        if problem.motion and steps < HALVES:
+            raise NoEstimate(f"{steps} time steps: expected at least {HALVES}")
         estimate.again = ceil(steps / 2) if steps > 1 else 2
         announce_cost(problem, _lifted_elements(problem)[:1], estimate, announce, max_memory)
         _Repetitions(problem, path, goals, estimate, at).add()
@@ -299,8 +293,7 @@ class _Repetitions:
         NoEstimate
             If there are none.
         """
-        steps, run = self._estimate.again, self._path.itself(self._goals)
-        self._count(run)
+        steps, run = self._estimate.again, self._counted(self._path.itself(self._goals))
         self.set_values(run)
         followed = self._follow(steps)
         ratio = run.taken / followed.taken  # below 1 where the run has one step
@@ -309,20 +302,32 @@ class _Repetitions:
                 f"with half the steps some failed and were halved: {followed.taken} steps beside "
                 f"the run's {run.taken} are no comparison"
             )
-        quarter = self._quarter(ceil(steps / 2), followed)
-        paths = [quarter, followed, run] if quarter else [followed, run]
-        motion = self._problem.motion
+        paths, motion = [followed, run], self._problem.motion
+        fewer = ceil(steps / 2)
+        if fewer >= HALVES and 2 * fewer == steps:
+            quarter = self._follow(fewer)
+            if 2 * quarter.taken == followed.taken:  # none failed
+                paths.insert(0, quarter)
         touches = any(term.is_contact for term in self._problem.terms)
         order = motion.integrator.order if motion and not touches else _CONTACT_ORDER
         powers = [(fine.taken / coarse.taken) ** order for coarse, fine in pairwise(paths)]
-        parts = {_source(self._problem): self._of_order(paths, powers)}
+        parts = {TIME_STEPS if motion else LOAD_STEPS: self._of_order(paths, powers)}
         for term in self._problem.terms:
             if term.length_text:
                 gap = f"the errors do not include that of the gap: {term.length_text}"
                 self._estimate.left_out.append(gap)
-        if quarter and ceil(steps / 2) >= _ENOUGH_STEPS:
-            steps, followed = ceil(steps / 2), quarter
-        set_parts(self._estimate, self._goals, parts | self._others(steps, followed))
+        if len(paths) > 2 and fewer >= _ENOUGH_STEPS:
+            steps, followed = fewer, paths[0]
+        parts["mesh"] = self._of_mesh(steps, followed)
+        if self._problem.scale_penalties(1.0):
+            try:
+                parts["penalty"] = self._of_penalties(steps, followed)
+            except NoEstimate as error:
+                if motion:
+                    raise
+                what = f"the error of penalties is not known: {error}"
+                self._estimate.left_out.append(what)
+        set_parts(self._estimate, self._goals, parts)
 
     def set_values(self, run: Followed) -> None:
         """Set the values of goals, and their loads, where they are not at the end."""
@@ -342,10 +347,14 @@ class _Repetitions:
         return np.concatenate(values)
 
     def _vectors(self, paths: Sequence[Followed], part: slice, at: At) -> list[Array]:
-        """Return a goal of each path where it is evaluated, (instants, n), and late before that."""
+        """Return a goal of each path where it is evaluated, (instants, n), and late before that.
+
+        Late is the second half of the way: errors of a vibration change their sign, and are small
+        at an instant by chance.
+        """
         ends = [path.load_of(part, at) for path in paths]
         common = set(paths[0].values).intersection(*(path.values for path in paths[1:]))
-        loads = sorted(load for load in common if _LATE * min(ends) <= load < min(ends))
+        loads = sorted(load for load in common if min(ends) / 2 <= load < min(ends))
         return [
             np.array([path.at(load)[part] for load in (*loads, end)])
             for path, end in zip(paths, ends, strict=True)
@@ -367,99 +376,46 @@ class _Repetitions:
 
     def _follow(self, steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
         """Follow the path once, and count the iterations."""
-        again = self._path.follow(steps, self._goals, element, stiffer)
-        self._count(again)
-        return again
+        return self._counted(self._path.follow(steps, self._goals, element, stiffer))
 
-    def _count(self, followed: Followed) -> None:
-        """Add the iterations of a path."""
+    def _counted(self, followed: Followed) -> Followed:
+        """Add the iterations of a path, and return it."""
         self._estimate.newton += followed.newton
         self._estimate.linear += followed.linear
+        return followed
 
-    def _quarter(self, steps: int, half: Followed) -> Followed | None:
-        """Return the path with a quarter of the steps; None if that is no refinement by two."""
-        if steps < _FEWEST_QUARTER or 2 * steps != self._estimate.again:
-            return None
-        quarter = self._follow(steps)
-        return quarter if 2 * quarter.taken == half.taken else None
+    def _of_mesh(self, steps: int, followed: Followed) -> tuple[Array, Array]:
+        """Return the error of the mesh in a path with so many steps, and what that may miss.
 
-    def _others(self, steps: int, followed: Followed) -> dict[str, tuple[Array, Array]]:
-        """Return the errors of the mesh and of penalties with so many steps.
-
-        Parameters
-        ----------
-        steps : int
-            The number of steps.
-        followed : Followed
-            The path with them.
+        In time, too, the decay of the lifted element's degrees says what it misses.
         """
-        values, motion, parts = self._ends(followed), self._problem.motion, {}
-        element, lifted = self._lifted(steps)
-        mesh = self._ends(lifted) - values
+        problem, estimate, values = self._problem, self._estimate, self._ends(followed)
+        element, lifted = first_that_fits(_lifted_elements(problem), partial(self._follow, steps))
+        estimate.element = element.name
+        mesh, estimate.saturation = with_missed(
+            problem,
+            element,
+            lifted.saturation,
+            self._ends(lifted) - values,
+            lambda middle: self._ends(self._follow(steps, middle)) - values,
+        )
         late = [np.subtract(*self._vectors([lifted, followed], *part)) for part in self._parts]
         largest = np.concatenate([np.abs(change).max(axis=0) for change in late])
-        if motion:
-            mesh = mesh + self._missed_by_lifted(steps, lifted, element, mesh)
-            largest = np.maximum(np.abs(mesh), lifted.saturation * largest)
-        parts["mesh"] = mesh, MISSED * largest
-        if self._problem.scale_penalties(1.0):
-            if motion:  # whose steps may not resolve the vibration of stiffer ones
-                soft, stiff = (self._follow(steps, stiffer=f) for f in (1 / STIFFER, STIFFER))
-                left, missed = self._of_order([soft, followed, stiff], [STIFFER, STIFFER])
-                parts["penalty"] = self._ends(stiff) + left - values, missed
-            else:
-                try:
-                    parts["penalty"] = without_penalties(
-                        self._goals,
-                        values,
-                        scales_of(self._estimate, self._goals),
-                        lambda factor: self._ends(self._follow(steps, stiffer=factor)),
-                    )
-                except NoEstimate as error:
-                    what = f"the error of penalties is not known: {error}"
-                    self._estimate.left_out.append(what)
-        return parts
+        return mesh, MISSED * np.maximum(np.abs(mesh), estimate.saturation * largest)
 
-    def _missed_by_lifted(
-        self, steps: int, lifted: Followed, element: Element, difference: Array
-    ) -> Array:
-        """Return what the lifted element misses in time, from the decay of its degrees.
-
-        Parameters
-        ----------
-        steps : int
-            The number of steps.
-        lifted : Followed
-            The path with them in the lifted element.
-        element : Element
-            The lifted element.
-        difference : (goals,) array
-            Its goals less those of the run's element.
-        """
-        middle = element_of_factor(self._problem, element)
-        if middle is None and locks(self._problem, element):
-            return np.zeros(len(difference))
-        self._estimate.saturation = lifted.saturation
-        if lifted.saturation > 1 and middle is not None:
-            difference = self._ends(lifted) - self._ends(self._follow(steps, middle))
-        return (lifted.saturation - 1) * difference
-
-    def _lifted(self, steps: int) -> tuple[Element, Followed]:
-        """Return the best lifted element that fits, and the path in it."""
-        *others, last = _lifted_elements(self._problem)
-        for element in others:
-            self._estimate.element = element.name
-            try:
-                return element, self._follow(steps, element)
-            except ElementDoesNotFit:
-                continue
-        self._estimate.element = last.name
-        return last, self._follow(steps, last)
-
-
-def _source(problem: Problem) -> str:
-    """Return the name of the part of the errors that steps have."""
-    return TIME_STEPS if problem.motion else LOAD_STEPS
+    def _of_penalties(self, steps: int, followed: Followed) -> tuple[Array, Array]:
+        """Return the error of penalties in a path with so many steps, and what that may miss."""
+        values = self._ends(followed)
+        if self._problem.motion:  # whose steps may not resolve the vibration of stiffer ones
+            soft, stiff = (self._follow(steps, stiffer=f) for f in (1 / STIFFER, STIFFER))
+            left, missed = self._of_order([soft, followed, stiff], [STIFFER, STIFFER])
+            return self._ends(stiff) + left - values, missed
+        return without_penalties(
+            self._goals,
+            values,
+            self._estimate.scales(self._goals),
+            lambda factor: self._ends(self._follow(steps, stiffer=factor)),
+        )
 
 
 def _lifted_elements(problem: Problem) -> list[Element]:

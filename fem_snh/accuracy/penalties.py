@@ -5,17 +5,15 @@ It shows in the run's own element: the state is followed to stiffer penalties, t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-
-from petsc4py import PETSc
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import solver
 from fem_snh.accuracy.effectivity import of_order
-from fem_snh.accuracy.goal_errors import NoEstimate
+from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
 from fem_snh.problem.goals import Goal, bind_all, slices_of
 from fem_snh.problem.problem import Problem
 
@@ -31,60 +29,56 @@ _LITTLE_LEFT, _MOST_TIMES = 0.02, 8
 
 
 def penalty_errors(
-    problem: Problem,
-    goals: Sequence[Goal],
-    scales: Array,
-    outcome: solver.StepOutcome,
-) -> tuple[Array, Array] | None:
+    problem: Problem, goals: Sequence[Goal], estimate: Estimate
+) -> tuple[Array, Array]:
     """Return what goals would change by without penalties, and what that may miss. Collective.
 
-    None if there are no penalties. The problem and its state are unchanged.
+    The problem and its state are unchanged.
 
     Parameters
     ----------
     problem : Problem
-        The problem at its solution.
+        The problem with penalties, at its solution.
     goals : sequence of Goal
         The goals.
-    scales : (goals,) array
-        What their errors are relative to.
-    outcome : StepOutcome
-        Counts the iterations.
+    estimate : Estimate
+        Has what their errors are relative to, and counts the iterations.
 
     Raises
     ------
     NoEstimate
         If no equilibrium with a larger stiffness is found.
     """
-    if not problem.scale_penalties(STIFFER):
-        return None
-    problem.scale_penalties(1 / STIFFER)
-    present, evaluate = 1.0, bind_all(goals, problem)
+    evaluate, present, start = bind_all(goals, problem), 1.0, problem.x.copy()
+    snes, outcome = solver.create(problem, prefix=PREFIX), solver.StepOutcome()
 
     def stiffened(factor: float) -> Array:
         nonlocal present
         problem.scale_penalties(factor / present)
         present = factor
-        found = _goals_after(problem, snes, evaluate, outcome)
-        if found is None:
+        solver.solve_until_settled(problem, snes, outcome)
+        if not outcome.converged:
             raise NoEstimate(
                 f"no equilibrium of {problem.element.name} was found with {factor:g} times the "
                 f"stiffness of the penalties ({outcome.reason} after {outcome.newton} Newton "
                 "iterations)"
             )
-        return found
+        problem.split(problem.x)
+        return evaluate()
 
-    with _solver(problem) as snes:
-        try:
-            values = evaluate()
-            # What the run's tolerance left is no part of what penalties change.
-            snes.getPythonContext().force_iteration = True
-            further = _goals_after(problem, snes, evaluate, outcome)
-            return without_penalties(
-                goals, values if further is None else further, scales, stiffened
-            )
-        finally:
-            problem.scale_penalties(1 / present)
+    try:
+        values = evaluate()
+        # What the run's tolerance left is no part of what penalties change.
+        snes.getPythonContext().force_iteration = True
+        with suppress(NoEstimate):
+            values = stiffened(1.0)
+        return without_penalties(goals, values, estimate.scales(goals), stiffened)
+    finally:
+        problem.scale_penalties(1 / present)
+        estimate.newton += outcome.newton
+        solver.destroy(snes)
+        start.copy(problem.x)
+        problem.split(problem.x)
 
 
 def without_penalties(
@@ -102,53 +96,17 @@ def without_penalties(
         Returns the goals with penalties so many times stiffer than the run's. It raises NoEstimate
         if there is no equilibrium.
     """
-    levels, factor, finite = [values, stiffened(STIFFER)], STIFFER, np.isfinite(scales)
+    levels = [values, stiffened(STIFFER)]
+    left, missed = np.zeros((2, len(values)))
     while True:
-        left, missed = penalty_part(goals, levels)
-        enough = (missed[finite] <= _LITTLE_LEFT * scales[finite]).all()
-        if len(levels) > _MOST_TIMES or (enough and len(levels) > 2):
+        powers = [STIFFER] * (len(levels) - 1)
+        for part in slices_of(goals):
+            left[part], missed[part] = of_order([level[part] for level in levels], powers)
+        enough = len(levels) > 2 and (missed <= _LITTLE_LEFT * scales).all()
+        if enough or len(levels) > _MOST_TIMES:
             break
-        factor *= STIFFER
         try:
-            levels.append(stiffened(factor))
+            levels.append(stiffened(STIFFER ** len(levels)))
         except NoEstimate:
             break
     return levels[-1] + left - values, missed
-
-
-def penalty_part(goals: Sequence[Goal], levels: Sequence[Array]) -> tuple[Array, Array]:
-    """Return what is to be added to the last of levels, and what it may miss, (scalars,) each.
-
-    Each is `STIFFER` times as stiff as the one before.
-    """
-    powers, (left, missed) = [STIFFER] * (len(levels) - 1), np.zeros((2, len(levels[0])))
-    for part in slices_of(goals):
-        left[part], missed[part] = of_order([values[part] for values in levels], powers)
-    return left, missed
-
-
-def _goals_after(
-    problem: Problem,
-    snes: PETSc.SNES,
-    evaluate: Callable[[], Array],
-    outcome: solver.StepOutcome,
-) -> Array | None:
-    """Return the goals after a further solve; None if it fails. Collective."""
-    solver.solve_until_settled(problem, snes, outcome)
-    if not outcome.converged:
-        return None
-    problem.split(problem.x)
-    return evaluate()
-
-
-@contextmanager
-def _solver(problem: Problem) -> Iterator[PETSc.SNES]:
-    """Yield another solver of a problem, whose state is restored at the end. Collective."""
-    snes = solver.create(problem, prefix=PREFIX)
-    start = problem.x.copy()
-    try:
-        yield snes
-    finally:
-        solver.destroy(snes)
-        start.copy(problem.x)
-        problem.split(problem.x)

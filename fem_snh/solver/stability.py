@@ -65,6 +65,11 @@ def is_conservative(problem: SolvableProblem) -> bool:
     return problem.has_energy and not problem.regime.inertia
 
 
+def are_factors_cheap(problem: SolvableProblem) -> bool:
+    """Return whether factors of a Hessian cost less than a load step."""
+    return problem.regime.nodes <= _MAX_FACTORED
+
+
 def no_energy(asked: str, in_time: bool) -> BadInput:
     """Return the exception for a problem that is not conservative.
 
@@ -105,8 +110,7 @@ class EquilibriumStability:
     @property
     def is_doubtful(self) -> bool:
         """Whether an equilibrium that iterations find may be unstable, and factors are cheap."""
-        regime = self._problem.regime
-        return regime.contrast >= _CONTRAST and regime.nodes <= _MAX_FACTORED
+        return self._problem.regime.contrast >= _CONTRAST and are_factors_cheap(self._problem)
 
     def negative_eigenvalues(self, x: PETSc.Vec) -> int:
         """Return the number of negative eigenvalues at ``x``, less `expected`.
@@ -283,14 +287,14 @@ def negative_eigenvalues(problem: SolvableProblem, ksp: PETSc.KSP) -> int | None
     ksp : PETSc.KSP
         Its linear solver, which is set up anew.
     """
-    nodes, iterative = problem.regime.nodes, problem.operator == problem.A
+    cheap, iterative = are_factors_cheap(problem), problem.operator == problem.A
     if iterative:
         problem.jacobian(problem.x, "exact")
         if is_definite(problem, ksp):
             return 0
-    if nodes > _MAX_FACTORED and not (iterative and has_negative_curvature(problem, ksp)):
+    if not cheap and not (iterative and has_negative_curvature(problem, ksp)):
         return None
-    if nodes > MAX_NODES:
+    if problem.regime.nodes > MAX_NODES:
         return 1
     return EquilibriumStability(problem).negative_eigenvalues(problem.x)
 

@@ -182,7 +182,7 @@ def test_a_straight_column_that_only_coarse_cells_keep_straight_has_no_estimate(
 @pytest.mark.parametrize(("asked", "found"), [(True, "4 negative"), (False, "negative")])
 def test_the_lifted_state_is_examined_by_factors_or_iterations(asked, found, monkeypatch):
     """A cube that finer cells let fold: conjugate gradients and the pressure hid it."""
-    monkeypatch.setattr("fem_snh.accuracy.lift._MAX_FACTORED", 10)
+    monkeypatch.setattr("fem_snh.solver.stability._MAX_FACTORED", 10)
     keys = {"stretch": 0.5, "element": "Q2", "cells": 3, "nu": 0.35, "error": True}
     result = solve("pull", stability=asked, **keys)
     assert f"unstable: its Hessian has {found} eigenvalues" in result.estimate.reason
