@@ -49,14 +49,17 @@ PREFIX = f"{solver.PREFIX}lifted_"
 #: an iteration, and up to 80 % of the indicators of a force, whose dual solution is about a
 #: translation of the body: their products with the residual cancel. 1e-3 leaves 3 %.
 _RTOL = 1e-3
-#: Further iterations change a difference by so many times what the reduction of the residual says:
-#: the residual's norm weighs slow modes less (error_estimates of cook, twist, plane: with 3, what is
-#: settled changes by at most 2 %).
+#: Further iterations change a difference by so many times what the reduction of the residual says,
+#: whose norm weighs slow modes less (error_estimates of cook, twist and plane: with 3, settled
+#: differences change by at most 2 %).
 _CONTRACTION = 3.0
-#: Part of a difference that may be unsettled: a small part of the half that its bound is at least.
-_SETTLED = 0.02
+#: Part of a difference, or of the error that matters, that may be unsettled: a small part of the
+#: half that its bound is at least.
+SETTLED = 0.02
 #: Newton iterations in all: a state that needs more is far from the run's.
 _MAX_IT = 30
+#: What negative eigenvalues say of the run's state.
+_LEAVES = "and on finer cells the body may leave it"
 
 
 class Lift:
@@ -101,7 +104,7 @@ class Lift:
         self._is_assembled = False
 
     def differences(
-        self, goals: Sequence[Goal], estimate: Estimate, negligible: float
+        self, goals: Sequence[Goal], estimate: Estimate, asked: float
     ) -> tuple[Array, Array]:
         """Return the goals in the lifted problem less those of the run, (goals,).
 
@@ -113,8 +116,8 @@ class Lift:
             The goals.
         estimate : Estimate
             Has their values in the run, and what their errors are relative to.
-        negligible : float
-            Part of the scales that may be unsettled.
+        asked : float
+            The relative error that matters.
 
         Raises
         ------
@@ -138,7 +141,7 @@ class Lift:
             rate = max(reduction, _RTOL)
             further = _CONTRACTION * rate / (1 - rate)
             unsettled = further * _sizes(goals, found - before)
-            limits = np.maximum(_SETTLED * np.abs(found), negligible * scales)
+            limits = SETTLED * np.maximum(np.abs(found), asked * scales)
             settled = self._is_stable and bool((unsettled <= limits).all())
         if not self._is_stable:
             raise self._unstable("negative curvature")
@@ -169,12 +172,7 @@ class Lift:
             self._last_filter = outcome.history[-1].filter
             self._is_assembled = self._last_filter in ("exact", "none needed")
         if not outcome.converged:
-            unstable = ""
-            if not self._is_stable:
-                unstable = (
-                    ": the Hessian has negative curvature there, and on finer cells the body may "
-                    "leave it"
-                )
+            unstable = "" if self._is_stable else f": the Hessian has negative curvature, {_LEAVES}"
             raise NoEstimate(
                 f"no equilibrium of {self.lifted.element.name} was found near the run's "
                 f"({outcome.reason} after {self.newton} Newton iterations){unstable}"
@@ -259,7 +257,7 @@ class Lift:
         """Return that there is no estimate, as what the Hessian has shows an instability."""
         return NoEstimate(
             f"the equilibrium of {self.lifted.element.name} near the run's is unstable: its "
-            f"Hessian has {what}, and on finer cells the body may leave it"
+            f"Hessian has {what}, {_LEAVES}"
         )
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.differences import Lift, saturation
+from fem_snh.accuracy.differences import SETTLED, Lift, saturation
 from fem_snh.accuracy.effectivity import MISSED, OF_VECTOR
 from fem_snh.accuracy.goal_errors import (
     NO_CONTACT,
@@ -51,9 +51,8 @@ Array = npt.NDArray[np.float64]
 #: Goals are relative to the largest component of their vector that was asked for, or to this part
 #: of the largest displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
-#: Errors below this part of a goal's scale are neither settled nor located; in a run to an
-#: accuracy, below this part of it: a tenth of the share that the mesh has in the bound.
-_NEGLIGIBLE, _OF_ASKED = 1e-4, 0.05
+#: The relative error that matters, of which 2 % may be unsettled, where none is asked for.
+_MATTERS = 5e-3
 
 #: Called with the cost, before the errors are estimated.
 Announce = Callable[[Estimate], None]
@@ -66,7 +65,7 @@ class EstimateOptions:
     Attributes
     ----------
     asked : float
-        The relative error that is asked for, of which a small part is negligible; 0: none is.
+        The relative error that is asked for; 0: none.
     stability : bool
         Whether the stability of the lifted equilibrium is examined whatever it costs.
     locate_all : bool
@@ -82,9 +81,9 @@ class EstimateOptions:
     max_memory: float = inf
 
     @property
-    def negligible(self) -> float:
-        """The part of a goal's scale that is negligible."""
-        return _OF_ASKED * self.asked if self.asked else _NEGLIGIBLE
+    def matters(self) -> float:
+        """The relative error that matters."""
+        return self.asked or _MATTERS
 
 
 def estimate_error(
@@ -114,18 +113,16 @@ def estimate_error(
     """
     with estimating(problem, goals, mesh) as estimate:
         check_problem(problem)
-        check_shapes(problem)
         elements = list(lifted_elements(problem))
-        middle = element_of_factor(problem, elements[0])
-        others = [] if middle in (None, problem.element) else [middle]
-        announce_cost(problem, [elements[0], *others], estimate, announce, options.max_memory)
+        used = [elements[0], element_of_factor(problem, elements[0])]
+        announce_cost(problem, used, estimate, announce, options.max_memory)
         created_in = partial(create_in, problem=problem, make=make)
         element, lifted = first_that_fits(elements, created_in)
         estimate.element, penalty = element.name, {}
         if problem.scale_penalties(1.0):
             penalty["penalty"] = penalty_errors(problem, goals, estimate)
         with closing(Lift(problem, lifted)) as lift:
-            values, unsettled = lift.differences(goals, estimate, options.negligible)
+            values, unsettled = lift.differences(goals, estimate, options.matters)
             if lift.may_be_unstable(options.stability):
                 estimate.left_out.append(
                     f"the state of {element.name} may be unstable, as iterations leave that open: "
@@ -134,7 +131,7 @@ def estimate_error(
 
             def in_middle(middle: Element) -> Array:
                 with closing(Lift(problem, created_in(middle))) as other:
-                    return other.differences(goals, estimate, options.negligible)[0]
+                    return other.differences(goals, estimate, options.matters)[0]
 
             factor = saturation(lifted, lifted.split(lifted.x)[0])
             of_mesh, factor = with_missed(problem, element, factor, values, in_middle)
@@ -215,7 +212,7 @@ def _located(estimate: Estimate, options: EstimateOptions) -> Collection[str]:
     relative = {
         name: abs(goal.of_mesh) / goal.scale for name, goal in estimate.asked.items() if goal.scale
     }
-    names = [name for name in relative if relative[name] > options.negligible]
+    names = [name for name in relative if relative[name] > SETTLED * options.matters]
     return names if options.locate_all else [max(names, key=relative.__getitem__)] if names else []
 
 
@@ -239,6 +236,7 @@ def estimating(
     watch = Stopwatch()
     estimate = Estimate(_without_errors(problem, goals))
     try:
+        check_shapes(problem)
         yield estimate
         faces = mesh.round_faces if mesh else None
         faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
@@ -273,7 +271,7 @@ def announce_cost(
     NoEstimate
         If they need more than is allowed or available.
     """
-    used = [element for element in elements if element]
+    used = [element for element in elements if element not in (None, problem.element)]
     estimate.element, estimate.dofs = used[0].name, lifted_dofs(problem, used[0])
     estimate.memory = sum(memory(problem, element) for element in used)
     announce(estimate)
@@ -317,7 +315,7 @@ def _mark_forces_without_contact(
         errors = {name: estimate.goals[name] for name in goal.names}
         if all(error.is_zero for error in errors.values()) and goal.is_without_contact(problem):
             for name, known in errors.items():
-                unknown = GoalError(known.value, None, known.scale, asked=known.asked)
+                unknown = replace(known, estimate=None, parts={}, missed={}, least=0.0)
                 estimate.goals[name] = replace(unknown, reason=NO_CONTACT)
 
 

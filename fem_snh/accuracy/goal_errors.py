@@ -20,8 +20,6 @@ from fem_snh.problem.problem import Problem
 
 #: Components below this part of their vector are not printed: the solvers leave that much.
 _SHOWN = 1e-5
-#: An effectivity is confirmed by that of the level before: three levels have two.
-_MOST_LEVELS = 3
 #: The parts of an error that are those of steps.
 TIME_STEPS, LOAD_STEPS = "time steps", "load steps"
 #: Why a force of contact has no estimate where neither solution touches.
@@ -184,10 +182,6 @@ class GoalError:
         """What the parts of the estimate may miss in all."""
         return sum(self.missed.values())
 
-    def missed_of_mesh(self, coarser: GoalError, left: float) -> float:
-        """Return what the part of the mesh may miss, at least what is ``left`` of a coarser one."""
-        return max(self.missed.get("mesh", 0.0), left * coarser.missed.get("mesh", 0.0))
-
     @property
     def is_zero(self) -> bool:
         """Whether the value is rounding beside the other components, and the error unsettled."""
@@ -203,16 +197,10 @@ class GoalError:
             "relative": self.relative,
             "corrected": self.corrected,
             "bound": self.bound,
-            **({} if self.bound is None else self._measured),
+            **({} if self.bound is None else {key: getattr(self, key) for key in _MEASURED}),
             **({"parts": self.parts_of_error} if len(self.parts) > 1 else {}),
             **({"reason": self.reason} if self.reason else {}),
         }
-
-    @property
-    def _measured(self) -> dict[str, Any]:
-        """What two levels measured, for run.json."""
-        keys = "within", "theta", "factor", "confirmed"
-        return {key: getattr(self, key) for key in keys}
 
     def text(self, name: str) -> str:
         """Return one line, "corner.y 6.631, error +0.267 +- 0.1 (4.0 %), corrected 6.898".
@@ -222,20 +210,17 @@ class GoalError:
         if self.error is None:
             reason = f": {self.reason}" if self.reason else ""
             return f"{name} {self.value:.6g}, no estimate{reason}"
-        known = self.all_missed if self.bound is None else self.bound
+        what, bound, known = "estimated error", "", self.all_missed
+        if self.bound is not None:
+            what, bound, known = "error", f" +- {self.bound:.2g}", self.bound
         if known > abs(self.error):
-            what = "error below" if self.bound is not None else "estimated error below"
-            return f"{name} {self.value:.6g}, {what} {self._share(abs(self.error) + known)}"
+            return f"{name} {self.value:.6g}, {what} below {self._share(abs(self.error) + known)}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
         of = f": {text}" if (text := self.parts_text) else ""
         if self.reason:
             corrected += f"; {self.reason}"
-        what, bound = "estimated error", ""
-        if self.bound is not None:
-            what, bound = "error", f" +- {self.bound:.2g}"
-        known_as = f"{what} {self.error:+.3g}{bound}{share}{of}"
-        return f"{name} {value}, {known_as}, corrected {corrected}"
+        return f"{name} {value}, {what} {self.error:+.3g}{bound}{share}{of}, corrected {corrected}"
 
     def line(self, name: str, asked: float) -> str:
         """Return the line of a goal on a level, "corner.y 6.898 +- 0.02 (0.29 %) (corrected)"."""
@@ -318,28 +303,25 @@ def with_bounds(
         believed.
     """
     found = dict(goals)
-    vectors: dict[str, list[str]] = {}
-    for name in goals:
-        vectors.setdefault(vector_of(name), []).append(name)
-    for names in vectors.values():
-        levels = [
-            level
-            for level in (*coarser, goals)
-            if all(name in level and level[name].estimate is not None for name in names)
-        ][-_MOST_LEVELS:]
-        if len(levels) < 2 or levels[-1] is not goals:
+    for vector in dict.fromkeys(map(vector_of, goals)):
+        names = [name for name in goals if vector_of(name) == vector]
+        known: list[list[GoalError]] = []
+        for level in (*coarser, goals):
+            if all(name in level and level[name].estimate is not None for name in names):
+                known.append([level[name] for name in names])
+        if len(known) < 2 or known[-1][0] is not goals[names[0]]:
             continue
-        known = [[level[name] for name in names] for level in levels]
+        known = known[-3:]  # three levels have two effectivities
         values = np.array([[goal.value + goal.of_others for goal in level] for level in known])
         estimates = np.array([[goal.of_mesh for goal in level] for level in known])
-        before = known[-2][0]
-        part = left if before.bound is not None and before.confirmed else sqrt(left)
-        missed = np.array([goals[n].missed_of_mesh(levels[-2][n], part) for n in names])
-        theta, factor, bounds, confirmed = measure(values, estimates, missed)
-        for name, bound in zip(names, bounds, strict=True):
-            goal = replace(goals[name], theta=theta, factor=factor, confirmed=confirmed)
+        missed = np.array([[goal.missed.get("mesh", 0.0) for goal in level] for level in known])
+        once = known[-2][0].bound is None or not known[-2][0].confirmed
+        least = np.maximum(missed[-1], (sqrt(left) if once else left) * missed[-2])
+        theta, factor, bounds, confirmed = measure(values, estimates, least)
+        for name, goal, before, bound in zip(names, known[-1], known[-2], bounds, strict=True):
             others = goal.all_missed - goal.missed.get("mesh", 0.0)
-            found[name] = _bounded(goal, max(float(bound), goal.least) + others, levels[-2][name])
+            goal = replace(goal, theta=theta, factor=factor, confirmed=confirmed)
+            found[name] = _bounded(goal, max(float(bound), goal.least) + others, before)
     return found
 
 
@@ -367,6 +349,8 @@ def with_scales_of_forces(goals: Mapping[str, GoalError]) -> dict[str, GoalError
     return dict(goals) | small
 
 
+#: What two levels measured, for run.json.
+_MEASURED = "within", "theta", "factor", "confirmed"
 #: Numbers of an `Estimate` of which the sum counts at several loads; of others the largest does.
 _SUMS = "newton", "linear", "seconds", "jit"
 
@@ -398,7 +382,7 @@ class Estimate:
     seconds, jit : float
         Elapsed time, and the part of it that compiled kernels, elements and forms.
     indicators : dict of arrays
-        The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
+        The error of each goal in each cell of this rank, for errors that are not negligible.
     places : dict of Place
         Where half of each of them is.
     left_out : list of str

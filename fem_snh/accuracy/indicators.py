@@ -34,9 +34,6 @@ from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: The part of the error whose cells are described: a half.
-_MOST = 0.5
-
 
 def cell_indicators(lift: Lift, goals: Sequence[Goal], chosen: Collection[str]) -> dict[str, Array]:
     """Return the error of each chosen goal in each cell of this rank, by name. Collective.
@@ -85,33 +82,28 @@ class Shares:
     """
 
     def __init__(self, problem: Problem, lifted: Problem, gradient: PETSc.Vec) -> None:
-        self._lifted = lifted
         cell, degree, low = lifted.element.cell, lifted.element.degree, problem.element.degree
         nodes = _dolfinx.reference_nodes(cell, degree)
         coarse = _dolfinx.reference_nodes(cell, low)
         #: From values at the lifted nodes to those at the run's, and back.
         self._down = _dolfinx.tabulate_element(cell, degree, coarse, 0)[0]
         self._up = _dolfinx.tabulate_element(cell, low, nodes, 0)[0]
-        self._residual = self._parts(gradient)
-        self._residual[0] /= _multiplicity(lifted.V)[..., None]
-        if len(self._residual) > 1:
-            assert lifted.saddle_point
-            self._residual[1] /= _multiplicity(lifted.saddle_point.Q)[..., None]
+        self._V, self._spaces, self._size = problem.V, [lifted.V], lifted.owned_displacements
+        if lifted.saddle_point:
+            self._spaces.append(lifted.saddle_point.Q)
+        parts = zip(self._spaces, self._parts(gradient), strict=True)
+        self._residual = [_shared(V, part) for V, part in parts]
         own = problem.x.duplicate()
         problem.gradient(problem.x, own)
-        self._V = problem.V
         self._coarse = self._less(self._residual[0], own.array_r[: problem.owned_displacements])
 
     def of(self, z: PETSc.Vec) -> Array:
         """Return the share of each cell of this rank in the product with z."""
-        parts = self._parts(z)
-        coarse = self._down @ parts[0]
-        rest = parts[0] - self._up @ coarse
-        total = (self._residual[0] * rest).sum(axis=(1, 2))
-        total += (self._coarse * coarse).sum(axis=(1, 2))
-        if len(parts) > 1:
-            total += (self._residual[1] * parts[1]).sum(axis=(1, 2))
-        return np.asarray(total)
+        displacement, *pressure = self._parts(z)
+        coarse = self._down @ displacement
+        factors = (displacement - self._up @ coarse, *pressure, coarse)
+        pairs = zip((*self._residual, self._coarse), factors, strict=True)
+        return np.asarray(sum((r * factor).sum(axis=(1, 2)) for r, factor in pairs))
 
     def of_forces(self, lifted: PETSc.Vec | None, of_run: PETSc.Vec | None) -> Array | float:
         """Return the share of each cell in the sum of the lifted nodal forces less the run's.
@@ -120,9 +112,9 @@ class Shares:
         """
         if lifted is None or of_run is None:
             return 0.0
-        V = self._lifted.V
-        at_nodes = _at_nodes(V, lifted.array_r) / _multiplicity(V)[..., None]
-        return np.asarray(self._less(at_nodes, of_run.array_r).sum(axis=(1, 2)))
+        V = self._spaces[0]
+        shared = _shared(V, _at_nodes(V, lifted.array_r))
+        return np.asarray(self._less(shared, of_run.array_r).sum(axis=(1, 2)))
 
     def _less(self, lifted: Array, of_run: Array) -> Array:
         """Return the lifted element's forces at the run's nodes, less the run's, in cells.
@@ -130,15 +122,12 @@ class Shares:
         The first are (cells, nodes, components), shared by the cells; the second owned dofs.
         """
         summed = _summed(self._V, self._up.T @ lifted)
-        return (summed - _at_nodes(self._V, of_run)) / _multiplicity(self._V)[..., None]
+        return _shared(self._V, summed - _at_nodes(self._V, of_run))
 
     def _parts(self, x: PETSc.Vec) -> list[Array]:
         """Return a vector's displacements, (cells, nodes, components), then its pressures."""
-        size, saddle_point = self._lifted.owned_displacements, self._lifted.saddle_point
-        parts = [_at_nodes(self._lifted.V, x.array_r[:size])]
-        if saddle_point is not None:
-            parts.append(_at_nodes(saddle_point.Q, x.array_r[size:]))
-        return parts
+        fields = zip(self._spaces, np.split(x.array_r, [self._size]), strict=False)
+        return [_at_nodes(V, owned) for V, owned in fields]
 
 
 def _at_nodes(V: _dolfinx.FunctionSpace, owned: Array) -> Array:
@@ -152,10 +141,9 @@ def _summed(V: _dolfinx.FunctionSpace, values: Array) -> Array:
     return np.asarray(summed_over_cells(V, values)[_dolfinx.node_dofs(V)])
 
 
-def _multiplicity(V: _dolfinx.FunctionSpace) -> Array:
-    """Return the number of cells around each node of each cell, (cells, nodes). Collective."""
-    shape = _dolfinx.node_dofs(V).shape
-    return np.asarray(_summed(V, np.ones((*shape, 1)))[..., 0])
+def _shared(V: _dolfinx.FunctionSpace, values: Array) -> Array:
+    """Return values at the nodes of each cell over the number of cells around each. Collective."""
+    return np.asarray(values / _summed(V, np.ones((*values.shape[:2], 1))))
 
 
 def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Place | None:
@@ -179,7 +167,7 @@ def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Plac
     everywhere = np.sort(np.concatenate(comm.allgather(sizes)))[::-1]
     if not everywhere.sum() > 0:
         return None
-    count = int(np.searchsorted(np.cumsum(everywhere), _MOST * everywhere.sum())) + 1
+    count = int(np.searchsorted(np.cumsum(everywhere), everywhere.sum() / 2)) + 1
     inside = sizes >= everywhere[count - 1]
     weights = np.where(inside, sizes, 0.0)
     weight, cells = comm.allreduce(np.array([weights.sum(), inside.sum()]))
@@ -204,6 +192,6 @@ def _nearest_group(mesh: Mesh, weights: Array, num_cells: int) -> str:
         every = np.unique(np.concatenate(comm.allgather(nodes.ravel())))
         touching = np.isin(corners, every).any(axis=1)
         weight, cells = comm.allreduce(np.array([weights[touching].sum(), touching.sum()]))
-        if weight > _MOST * total and cells < best[1]:
+        if weight > total / 2 and cells < best[1]:
             best = group.name, cells
     return best[0]

@@ -24,7 +24,7 @@ from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.unknowns import summed_over_cells
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.state_notes import may_lock
+from fem_snh.problem.state_notes import LOCKING_RATIO, may_lock
 
 Found = TypeVar("Found")
 
@@ -37,13 +37,14 @@ _TAYLOR_HOOD = {
         Element("Q3Q2", "hexahedron", 3, 7, 6, "pressure", 2),
     ),
 }
-#: lambda/mu up to which the lifted element has no unknown pressure, nu = 1/3: the estimate takes a
-#: quarter to two thirds of the time, and misses 0.01 to 0.1 more of the error
+#: lambda/mu, which is rounded, up to which the lifted element has no pressure, nu = 1/3: the
+#: estimate takes a quarter to two thirds of the time, and misses 0.01 to 0.1 more of the error
 #: (docs/results/error.md).
-_COMPRESSIBLE = 2.0 * (1 + 1e-9)
-#: lambda/mu up to which a pointwise volume term does not lock: nu = 0.4, rounded. Of P2 on
-#: triangles and of P3, nu = 0.499: beyond, Newton's method may find no state of P3.
-_NO_LOCKING, _LITTLE_LOCKING = 4.0 * (1 + 1e-9), 500.0
+_ROUNDED = 1 + 1e-9
+_COMPRESSIBLE = 2.0 * _ROUNDED
+#: lambda/mu up to which P2 on triangles and P3 hardly lock, nu = 0.499: beyond, Newton's method may
+#: find no state of P3.
+_LITTLE_LOCKING = 500.0
 #: The run's pressure is no first guess if its residual is so many times that of zero pressure. For
 #: locked elements the ratio is up to 2 (Cook's membrane, degree 1, nu = 0.4999); with a limit of 1
 #: they need an iteration more, and without one `P1` on 2 cells of twist finds no equilibrium.
@@ -68,7 +69,7 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     if not parts or problem.kinematics.plane_stress or (alike and ratio <= _COMPRESSIBLE):
         yield pointwise
         return
-    limit = _LITTLE_LOCKING if _is_quadratic_triangle(problem) else _NO_LOCKING
+    limit = _LITTLE_LOCKING if _is_quadratic_triangle(problem) else LOCKING_RATIO * _ROUNDED
     if base.volume != "pressure" and problem.operator != problem.A:  # condensed as the run is
         yield mean
     elif base.volume == "pressure" or len(parts) == 1:

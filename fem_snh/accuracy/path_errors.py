@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from math import ceil, inf
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,21 +30,17 @@ from fem_snh.accuracy.goal_errors import (
     Estimate,
     NoEstimate,
     StepsTooLong,
-    check_shapes,
 )
 from fem_snh.accuracy.lift import first_that_fits, lifted_elements
 from fem_snh.accuracy.penalties import STIFFER, without_penalties
 from fem_snh.assembly.elements import Element
 from fem_snh.choices import LARGEST, LOAD_DIGITS
 from fem_snh.mesh.mesh import Mesh
-from fem_snh.problem.goals import Goal, bind_all, is_as_far, names_of, slices_of
+from fem_snh.problem.goals import Goal, bind_all, is_as_far, slices_of
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: The order of time steps with contact, whose beginning and end fall between steps, and that of
-#: load steps, whose friction acts along the chord of a step.
-_CONTACT_ORDER = 1
 #: The number of a path's steps is a multiple of this where half and a quarter of them measure their
 #: error; and fewer time steps, in half or in a quarter of them, resolve no motion.
 HALVES = 4
@@ -79,11 +75,14 @@ class GoalHistory:
     ----------
     values : dict of (scalars,) array
         The goals by the load, rounded.
+    saturation : float
+        The factor of `fem_snh.accuracy.differences` at the end of a motion; 1 without inertia.
     """
 
     def __init__(self, problem: Problem, goals: Sequence[Goal]) -> None:
         self._problem, self._evaluate = problem, bind_all(goals, problem)
         self.values: dict[float, Array] = {}
+        self.saturation = 1.0
         self.add()
 
     def add(self) -> None:
@@ -91,77 +90,10 @@ class GoalHistory:
         values = self._problem.comm.bcast(self._evaluate())
         self.values[round(self._problem.load, LOAD_DIGITS)] = values
 
-
-class Path:
-    """The path to the state of a problem, which can be followed again from its beginning.
-
-    Parameters
-    ----------
-    stepper : Stepper
-        Its steps.
-    repeat : callable
-        Begins it again.
-    history : GoalHistory, optional
-        The goals along it; default: it is followed again for them.
-    """
-
-    def __init__(self, stepper: Any, repeat: Repeat, history: GoalHistory | None = None) -> None:
-        self._stepper, self._repeat, self._history = stepper, repeat, history
-
     @property
-    def steps(self) -> int:
-        """The given number of steps; it raises NoEstimate unless they are equal and are done."""
-        if self._stepper.motion and self._stepper.motion.tolerance is not None:
-            raise NoEstimate(
-                "time.tolerance: expected equal time steps, of which half are compared"
-            )
-        if not self._stepper.done:
-            raise NoEstimate("the steps have not reached their end")
-        return int(self._stepper.steps)
-
-    def itself(self, goals: Sequence[Goal]) -> Followed:
-        """Return the path as it was followed. Collective."""
-        if self._history is None:
-            return self.follow(self.steps, goals, None, 1.0)
-        return Followed(self._history.values, int(self._stepper.taken))
-
-    def follow(
-        self, steps: int, goals: Sequence[Goal], element: Element | None, stiffer: float
-    ) -> Followed:
-        """Follow the path in so many steps, by default with the run's element. Collective.
-
-        Penalties are so many times ``stiffer`` than those of the run.
-
-        Raises
-        ------
-        BadInput
-            If the element does not fit.
-        NoEstimate
-            If the path does not reach its end.
-        """
-        name = (element or self._stepper.problem.element).name
-        with self._repeat(steps, element, stiffer) as stepper:
-            return end_of(stepper, stepper.problem, goals, f"with {steps} steps of {name}")
-
-
-class Followed(NamedTuple):
-    """The goals along a path, the number of its steps, and what they cost.
-
-    Attributes
-    ----------
-    values : mapping of (scalars,) array
-        The goals at its beginning and after its steps, by the rounded load.
-    taken, newton, linear : int
-        The steps taken, where some may have failed and been halved, and their iterations.
-    saturation : float
-        The factor of `fem_snh.accuracy.differences` at the end of a motion; 1 without inertia.
-    """
-
-    values: Mapping[float, Array]
-    taken: int
-    newton: int = 0
-    linear: int = 0
-    saturation: float = 1.0
+    def taken(self) -> int:
+        """The steps taken, where some may have failed and been halved."""
+        return len(self.values) - 1
 
     def at(self, load: float) -> Array:
         """Return the goals at a load; between steps by a cubic spline, as lines cut corners."""
@@ -184,26 +116,77 @@ class Followed(NamedTuple):
         return max(load for load, size in sizes.items() if is_as_far(size, farthest, size_at_start))
 
 
-def end_of(stepper: Any, problem: Problem, goals: Sequence[Goal], what: str) -> Followed:
-    """Return the goals along the steps of a `fem_snh.steps.stepping.Stepper`. Collective.
+class Path:
+    """The path to the state of a problem, which can be followed again from its beginning.
 
-    Raises
-    ------
-    NoEstimate
-        If they do not reach their end, or a goal is not finite.
+    Parameters
+    ----------
+    stepper : Stepper
+        Its steps.
+    repeat : callable
+        Begins it again.
+    history : GoalHistory, optional
+        The goals along it; default: it is followed again for them.
+
+    Attributes
+    ----------
+    newton, linear : int
+        The iterations where it was followed again.
     """
-    newton, linear, history = 0, 0, GoalHistory(problem, goals)
-    for row in stepper:
-        newton += row["newton"]
-        linear += row["linear"]
-        if row["converged"]:
-            history.add()
-    if not stepper.done:
-        raise StepsTooLong(f"{what}: {stepper.failure_message()}")
-    if not all(np.isfinite(values).all() for values in history.values.values()):
-        raise NoEstimate(f"a goal is not finite {what}")
-    factor = saturation(problem, problem.split(problem.x)[0]) if problem.motion else 1.0
-    return Followed(history.values, stepper.taken, newton, linear, factor)
+
+    def __init__(self, stepper: Any, repeat: Repeat, history: GoalHistory | None = None) -> None:
+        self._stepper, self._repeat, self._history = stepper, repeat, history
+        self.newton = self.linear = 0
+
+    @property
+    def steps(self) -> int:
+        """The given number of steps; it raises NoEstimate unless they are equal and are done."""
+        if self._stepper.motion and self._stepper.motion.tolerance is not None:
+            raise NoEstimate(
+                "time.tolerance: expected equal time steps, of which half are compared"
+            )
+        if not self._stepper.done:
+            raise NoEstimate("the steps have not reached their end")
+        return int(self._stepper.steps)
+
+    def itself(self, goals: Sequence[Goal]) -> GoalHistory:
+        """Return the path as it was followed. Collective."""
+        return self._history or self.follow(goals, self.steps)
+
+    def follow(
+        self,
+        goals: Sequence[Goal],
+        steps: int,
+        element: Element | None = None,
+        stiffer: float = 1.0,
+    ) -> GoalHistory:
+        """Follow the path in so many steps, by default with the run's element. Collective.
+
+        Penalties are so many times ``stiffer`` than those of the run.
+
+        Raises
+        ------
+        BadInput
+            If the element does not fit.
+        NoEstimate
+            If the steps do not reach their end, or a goal is not finite.
+        """
+        with self._repeat(steps, element, stiffer) as stepper:
+            problem = stepper.problem
+            history = GoalHistory(problem, goals)
+            what = f"with {steps} steps of {problem.element.name}"
+            for row in stepper:
+                self.newton += row["newton"]
+                self.linear += row["linear"]
+                if row["converged"]:
+                    history.add()
+            if not stepper.done:
+                raise StepsTooLong(f"{what}: {stepper.failure_message()}")
+            if not all(np.isfinite(values).all() for values in history.values.values()):
+                raise NoEstimate(f"a goal is not finite {what}")
+            if problem.motion:
+                history.saturation = saturation(problem, problem.split(problem.x)[0])
+            return history
 
 
 def estimate_on_path(
@@ -235,13 +218,14 @@ def estimate_on_path(
         Where goals are evaluated that are not at the end: see `At`.
     """
     with estimating(problem, goals, mesh) as estimate:
-        check_shapes(problem)
         steps = path.steps
         if problem.motion and steps < HALVES:
             raise NoEstimate(f"{steps} time steps: expected at least {HALVES}")
         estimate.again = ceil(steps / 2) if steps > 1 else 2
         announce_cost(problem, _lifted_elements(problem)[:1], estimate, announce, max_memory)
+        path.newton = path.linear = 0
         _Repetitions(problem, path, goals, estimate, at).add()
+        estimate.newton, estimate.linear = path.newton, path.linear
     return estimate
 
 
@@ -254,10 +238,11 @@ def values_on_path(
     return estimate
 
 
+@dataclass(frozen=True)
 class _Repetitions:
     """The errors of goals along a path, which is followed again. Collective.
 
-    Parameters
+    Attributes
     ----------
     problem : Problem
         The problem at the end of the path.
@@ -266,24 +251,26 @@ class _Repetitions:
     goals : sequence of Goal
         The goals.
     estimate : Estimate
-        Has their values and the number of steps of the first repetition, and counts iterations.
+        Has their values and the number of steps of the first repetition.
     at : mapping
         Where goals are evaluated.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        path: Path,
-        goals: Sequence[Goal],
-        estimate: Estimate,
-        at: Mapping[Goal, At],
-    ) -> None:
-        self._problem, self._path, self._goals, self._estimate = problem, path, goals, estimate
-        pairs = zip(slices_of(goals), goals, strict=True)
-        self._asked = {name for goal in goals for name in goal.asked}
-        #: The scalars of each goal, and where it is evaluated.
-        self._parts = [(part, at.get(goal)) for part, goal in pairs]
+    problem: Problem
+    path: Path
+    goals: Sequence[Goal]
+    estimate: Estimate
+    at: Mapping[Goal, At]
+
+    @property
+    def _parts(self) -> list[tuple[slice, At]]:
+        """The scalars of each goal, and where it is evaluated."""
+        places = map(self.at.get, self.goals)
+        return list(zip(slices_of(self.goals), places, strict=True))
+
+    def _follow(self, *how: Any, **keys: Any) -> GoalHistory:
+        """Follow the path again: see `Path.follow`."""
+        return self.path.follow(self.goals, *how, **keys)
 
     def add(self) -> None:
         """Add the errors to the estimate.
@@ -293,7 +280,7 @@ class _Repetitions:
         NoEstimate
             If there are none.
         """
-        steps, run = self._estimate.again, self._counted(self._path.itself(self._goals))
+        steps, run = self.estimate.again, self.path.itself(self.goals)
         self.set_values(run)
         followed = self._follow(steps)
         ratio = run.taken / followed.taken  # below 1 where the run has one step
@@ -302,51 +289,53 @@ class _Repetitions:
                 f"with half the steps some failed and were halved: {followed.taken} steps beside "
                 f"the run's {run.taken} are no comparison"
             )
-        paths, motion = [followed, run], self._problem.motion
+        paths, motion = [followed, run], self.problem.motion
         fewer = ceil(steps / 2)
         if fewer >= HALVES and 2 * fewer == steps:
             quarter = self._follow(fewer)
             if 2 * quarter.taken == followed.taken:  # none failed
                 paths.insert(0, quarter)
-        touches = any(term.is_contact for term in self._problem.terms)
-        order = motion.integrator.order if motion and not touches else _CONTACT_ORDER
+        # Contact begins and ends between time steps; friction acts along the chord of a load step.
+        touches = any(term.is_contact for term in self.problem.terms)
+        order = motion.integrator.order if motion and not touches else 1
         powers = [(fine.taken / coarse.taken) ** order for coarse, fine in pairwise(paths)]
         parts = {TIME_STEPS if motion else LOAD_STEPS: self._of_order(paths, powers)}
-        for term in self._problem.terms:
+        for term in self.problem.terms:
             if term.length_text:
                 gap = f"the errors do not include that of the gap: {term.length_text}"
-                self._estimate.left_out.append(gap)
+                self.estimate.left_out.append(gap)
         if len(paths) > 2 and fewer >= _ENOUGH_STEPS:
             steps, followed = fewer, paths[0]
         parts["mesh"] = self._of_mesh(steps, followed)
-        if self._problem.scale_penalties(1.0):
+        if self.problem.scale_penalties(1.0):
             try:
                 parts["penalty"] = self._of_penalties(steps, followed)
             except NoEstimate as error:
                 if motion:
                     raise
                 what = f"the error of penalties is not known: {error}"
-                self._estimate.left_out.append(what)
-        set_parts(self._estimate, self._goals, parts)
+                self.estimate.left_out.append(what)
+        set_parts(self.estimate, self.goals, parts)
 
-    def set_values(self, run: Followed) -> None:
+    def set_values(self, run: GoalHistory) -> None:
         """Set the values of goals, and their loads, where they are not at the end."""
-        values, names = self._ends(run), names_of(self._goals)
-        for part, at in self._parts:
-            load = run.load_of(part, at)
-            for i in range(part.start, part.stop) if load != 1 else ():
-                goal = self._estimate.goals[names[i]]
-                asked = [j for j in range(part.start, part.stop) if names[j] in self._asked]
-                scale = float(np.abs(values[asked]).max(initial=0.0)) or goal.scale
-                self._estimate.goals[names[i]] = replace(goal, value=float(values[i]), scale=scale)
-                self._estimate.loads[names[i]] = load
+        estimate, values = self.estimate, self._ends(run)
+        for goal, (part, at) in zip(self.goals, self._parts, strict=True):
+            if (load := run.load_of(part, at)) == 1:
+                continue
+            of_goal = dict(zip(goal.names, map(float, values[part]), strict=True))
+            scale = max(abs(of_goal[name]) for name in goal.asked)
+            for name, value in of_goal.items():
+                known = estimate.goals[name]
+                estimate.goals[name] = replace(known, value=value, scale=scale or known.scale)
+                estimate.loads[name] = load
 
-    def _ends(self, path: Followed) -> Array:
+    def _ends(self, path: GoalHistory) -> Array:
         """Return the goals of a path where they are evaluated, (scalars,)."""
         values = [path.at(path.load_of(part, at))[part] for part, at in self._parts]
         return np.concatenate(values)
 
-    def _vectors(self, paths: Sequence[Followed], part: slice, at: At) -> list[Array]:
+    def _vectors(self, paths: Sequence[GoalHistory], part: slice, at: At) -> list[Array]:
         """Return a goal of each path where it is evaluated, (instants, n), and late before that.
 
         Late is the second half of the way: errors of a vibration change their sign, and are small
@@ -360,7 +349,9 @@ class _Repetitions:
             for path, end in zip(paths, ends, strict=True)
         ]
 
-    def _of_order(self, paths: Sequence[Followed], powers: Sequence[float]) -> tuple[Array, Array]:
+    def _of_order(
+        self, paths: Sequence[GoalHistory], powers: Sequence[float]
+    ) -> tuple[Array, Array]:
         """Return what is to be added to the goals of the last path, and what it may miss.
 
         At its end an error of a vibration may be as large as at any late instant.
@@ -374,22 +365,12 @@ class _Repetitions:
             missed.append(bounds.max(axis=0))
         return np.concatenate(errors), np.concatenate(missed)
 
-    def _follow(self, steps: int, element: Element | None = None, stiffer: float = 1.0) -> Followed:
-        """Follow the path once, and count the iterations."""
-        return self._counted(self._path.follow(steps, self._goals, element, stiffer))
-
-    def _counted(self, followed: Followed) -> Followed:
-        """Add the iterations of a path, and return it."""
-        self._estimate.newton += followed.newton
-        self._estimate.linear += followed.linear
-        return followed
-
-    def _of_mesh(self, steps: int, followed: Followed) -> tuple[Array, Array]:
+    def _of_mesh(self, steps: int, followed: GoalHistory) -> tuple[Array, Array]:
         """Return the error of the mesh in a path with so many steps, and what that may miss.
 
         In time, too, the decay of the lifted element's degrees says what it misses.
         """
-        problem, estimate, values = self._problem, self._estimate, self._ends(followed)
+        problem, estimate, values = self.problem, self.estimate, self._ends(followed)
         element, lifted = first_that_fits(_lifted_elements(problem), partial(self._follow, steps))
         estimate.element = element.name
         mesh, estimate.saturation = with_missed(
@@ -403,17 +384,17 @@ class _Repetitions:
         largest = np.concatenate([np.abs(change).max(axis=0) for change in late])
         return mesh, MISSED * np.maximum(np.abs(mesh), estimate.saturation * largest)
 
-    def _of_penalties(self, steps: int, followed: Followed) -> tuple[Array, Array]:
+    def _of_penalties(self, steps: int, followed: GoalHistory) -> tuple[Array, Array]:
         """Return the error of penalties in a path with so many steps, and what that may miss."""
         values = self._ends(followed)
-        if self._problem.motion:  # whose steps may not resolve the vibration of stiffer ones
+        if self.problem.motion:  # whose steps may not resolve the vibration of stiffer ones
             soft, stiff = (self._follow(steps, stiffer=f) for f in (1 / STIFFER, STIFFER))
             left, missed = self._of_order([soft, followed, stiff], [STIFFER, STIFFER])
             return self._ends(stiff) + left - values, missed
         return without_penalties(
-            self._goals,
+            self.goals,
             values,
-            self._estimate.scales(self._goals),
+            self.estimate.scales(self.goals),
             lambda factor: self._ends(self._follow(steps, stiffer=factor)),
         )
 

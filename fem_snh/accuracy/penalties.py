@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import solver
+from fem_snh.accuracy.differences import SETTLED
 from fem_snh.accuracy.effectivity import of_order
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
 from fem_snh.problem.goals import Goal, bind_all, slices_of
@@ -24,8 +25,8 @@ PREFIX = f"{solver.PREFIX}penalty_"
 #: Factor of the stiffness. The error is c/k: from k to 4 k it loses three quarters, which is more
 #: than what Newton's method leaves, and the state is near enough for a few iterations.
 STIFFER = 4.0
-#: Stiffer penalties are tried until a part of the goals' scales is left, or so many times.
-_LITTLE_LEFT, _MOST_TIMES = 0.02, 8
+#: Stiffer penalties are tried so many times at most.
+_MOST_TIMES = 8
 
 
 def penalty_errors(
@@ -86,6 +87,8 @@ def without_penalties(
 ) -> tuple[Array, Array]:
     """Return what goals would change by without penalties, and what that may miss.
 
+    Stiffer ones are tried until it is a small part of the goals' scales.
+
     Parameters
     ----------
     goals : sequence of Goal
@@ -102,7 +105,7 @@ def without_penalties(
         powers = [STIFFER] * (len(levels) - 1)
         for part in slices_of(goals):
             left[part], missed[part] = of_order([level[part] for level in levels], powers)
-        enough = len(levels) > 2 and (missed <= _LITTLE_LEFT * scales).all()
+        enough = len(levels) > 2 and (missed <= SETTLED * scales).all()
         if enough or len(levels) > _MOST_TIMES:
             break
         try:

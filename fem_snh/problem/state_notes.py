@@ -382,7 +382,7 @@ def inverted_points(problem: Problem) -> tuple[dict[str, Any], int, int]:
 
 #: Ratio lambda/mu from which an element can lock: nu = 0.4. For what is below, elements of mean
 #: dilatation keep the volume term at the points too (`fem_snh.materials.volume_split`).
-_LEAST_RATIO = 4.0
+LOCKING_RATIO = 4.0
 #: Force of the mean strain over the residual below which the state is rounding, as after a return
 #: to rest.
 _RESOLVED = 100.0
@@ -398,7 +398,7 @@ def may_lock(problem: Problem) -> list[Part]:
     if problem.element.volume != "pointwise" or problem.kinematics.plane_stress:
         return []
     moduli = [(part, *part.region.material.lame) for part in problem.elastic.parts]
-    return [part for part, mu, lam in moduli if lam >= _LEAST_RATIO * mu]
+    return [part for part, mu, lam in moduli if lam >= LOCKING_RATIO * mu]
 
 
 def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
