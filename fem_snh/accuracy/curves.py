@@ -8,21 +8,21 @@ part of the largest bound as the value is of the largest value.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import OF_VECTOR
 from fem_snh.accuracy.goal_errors import Estimate, GoalCurve, GoalError
-from fem_snh.accuracy.path_errors import Followed
+from fem_snh.accuracy.path_errors import GoalHistory
 from fem_snh.problem.goals import Goal, names_of, slices_of
 
 Array = npt.NDArray[np.float64]
 
 
 def curves_of(
-    estimate: Estimate, goals: Sequence[Goal], fine: Mapping[float, Array], coarse: Followed
+    estimate: Estimate, goals: Sequence[Goal], run: GoalHistory, coarse: GoalHistory
 ) -> dict[str, GoalCurve]:
     """Return the curves of goals whose errors have bounds, by name.
 
@@ -34,12 +34,11 @@ def curves_of(
         The errors of the goals where they are evaluated.
     goals : sequence of Goal
         The goals.
-    fine : mapping of (scalars,) array
-        All components by the rounded load, at the beginning and after each step.
-    coarse : Followed
-        Those of a coarser mesh.
+    run, coarse : GoalHistory
+        All components after each step, of the run and of a coarser mesh.
     """
     found: dict[str, GoalCurve] = {}
+    fine = run.values
     loads, names = sorted(fine), names_of(goals)
     values = np.array([fine[load] for load in loads])
     changes = values - np.array([coarse.at(load) for load in loads])

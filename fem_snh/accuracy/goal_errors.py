@@ -8,7 +8,7 @@ from functools import reduce
 from itertools import chain
 from math import floor, inf, log10, nan, sqrt
 from operator import or_
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,9 @@ from fem_snh.accuracy.effectivity import measure
 from fem_snh.errors import in_words
 from fem_snh.problem.goals import Goal, names_of, vector_of
 from fem_snh.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from fem_snh.accuracy.path_errors import GoalHistory
 
 #: Components below this part of their vector are not printed: the solvers leave that much.
 _SHOWN = 1e-5
@@ -393,8 +396,8 @@ class Estimate:
         The time [s] at load 1; None in statics.
     curves : dict of GoalCurve
         The goals after each step, where a coarser run measured their errors.
-    history : dict of (scalars,) array
-        All components of the goals by the rounded load, at the beginning and after each step.
+    history : GoalHistory or None
+        All components of the goals after each step, unless the run was resumed.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -416,7 +419,7 @@ class Estimate:
     loads: dict[str, float] = field(default_factory=dict)
     duration: float | None = None
     curves: dict[str, GoalCurve] = field(default_factory=dict, repr=False)
-    history: dict[float, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    history: GoalHistory | None = field(default=None, repr=False)
 
     @classmethod
     def merged(cls, estimates: Mapping[float, Estimate], names: Sequence[str]) -> Estimate:

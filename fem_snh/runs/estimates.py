@@ -8,8 +8,6 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fem_snh.accuracy.curves import curves_of
 from fem_snh.accuracy.estimate import (
     Announce,
@@ -24,7 +22,6 @@ from fem_snh.accuracy.goal_errors import (
     with_bounds,
 )
 from fem_snh.accuracy.path_errors import (
-    Followed,
     GoalHistory,
     estimate_on_path,
     values_on_path,
@@ -84,7 +81,7 @@ def estimate_errors(
         elif again and not estimate.reason:
             _measure(setup, goals, recorder.history, estimate, again, printed)
     if recorder.history and not level:
-        estimate.history = recorder.history.values
+        estimate.history = recorder.history
     return estimate
 
 
@@ -142,9 +139,8 @@ def _measure(
     problem = setup.problem
     left = left_by_uniform(dofs, problem.dofs, problem.element.degree, problem.kinematics.dim)
     estimate.goals = with_bounds(estimate.goals, [coarser.goals], left)
-    if history:
-        coarse = Followed(coarser.history, 0)
-        estimate.curves = curves_of(estimate, goals, history.values, coarse)
+    if history and coarser.history:
+        estimate.curves = curves_of(estimate, goals, history, coarser.history)
 
 
 def _errors_of_coarser(
@@ -173,9 +169,10 @@ def _errors_of_coarser(
     found.duration = scene.duration
     found.goals = {name: goal.known_from(found.goals[name]) for name, goal in run.goals.items()}
     if history:
-        values = zip(names_of(goals), np.array(list(history.values.values())).T, strict=True)
-        curves = {name: dict(zip(history.values, map(float, v), strict=True)) for name, v in values}
-        found.curves = {n: curve.seen_from(curves[n]) for n, curve in found.curves.items()}
+        places = {name: i for i, name in enumerate(names_of(goals))}
+        for name, curve in found.curves.items():
+            values = {load: float(all_[places[name]]) for load, all_ in history.values.items()}
+            found.curves[name] = curve.seen_from(values)
     return found
 
 

@@ -181,8 +181,8 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         assert scene.cells
         coarse = wanted.within >= _COARSE and _may_raise(scene)
         parts = _FIRST_OF_COARSE if coarse else _FIRST
-        least = min(scene.cells, _FEWEST[kinematics_of(scene.kinematics).dim])
-        update["cells"] = cells_of(scene, max(least, parts[raised] * scene.cells))
+        fewest = min(scene.cells, _FEWEST[kinematics_of(scene.kinematics).dim])
+        update["cells"] = cells_of(scene, max(fewest, parts[raised] * scene.cells))
     given = scene.petsc.get(_TOLERANCE)
     tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given)
     if tolerance > (least := _OF_ASKED * wanted.within):
