@@ -40,11 +40,6 @@ _AIM = 0.7
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: within a load step friction acts along a chord.
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
-#: The shares of the request that parts of an error have in its bound. They are chosen: the mesh,
-#: whose part costs most to reduce, has most.
-_SHARES = {"mesh": 0.45, "time steps": 0.2, "load steps": 0.2, "penalty": 0.15}
-#: Parts below so many times their share are left as they are.
-_ENOUGH = 1.2
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
 
@@ -127,8 +122,6 @@ class LevelRow:
         None: that of cells of one size.
     gives_way : str
         The note that supports without an area carry a force: finer meshes have another answer.
-    inverted : str
-        The note that points are inverted: another state.
     """
 
     element: str
@@ -146,7 +139,6 @@ class LevelRow:
     steps_fail: bool = False
     left: float | None = None
     gives_way: str = ""
-    inverted: str = ""
 
 
 class Levels:
@@ -235,7 +227,8 @@ class Levels:
     @property
     def reached(self) -> bool:
         """Whether every goal of the last level is within the request."""
-        return self._bounds_suffice and not (self.rows[-1].gives_way or self.rows[-1].inverted)
+        worst = self.worst
+        return worst is not None and worst[1] <= self.asked and not self.rows[-1].gives_way
 
     @property
     def futility(self) -> str:
@@ -244,9 +237,7 @@ class Levels:
         without = [not row.goals for row in self.rows[-_MOST_WITHOUT:]]
         if row.estimate.on_no_mesh or (len(without) == _MOST_WITHOUT and all(without)):
             return f"no estimate of the error: {row.reason}"
-        if self._has_bounds and row.gives_way:  # without a limit
-            return row.gives_way
-        return row.inverted if self._bounds_suffice else ""
+        return row.gives_way if self._has_bounds else ""  # without a limit
 
     def changes(self) -> LevelChanges:
         """Return how the next level differs from the last one."""
@@ -288,11 +279,6 @@ class Levels:
     def _excess_of_mesh(self) -> float:
         """The errors of the mesh over the request; 1 without bounds."""
         return self._excess("mesh") if self._has_bounds else 1.0
-
-    @property
-    def _bounds_suffice(self) -> bool:
-        """Whether every goal of the last level has a bound within the request."""
-        return self.worst is not None and self.worst[1] <= self.asked
 
     @property
     def _has_bounds(self) -> bool:
@@ -343,22 +329,26 @@ class Levels:
         """Whether the error of the mesh is within its share, and another part is not."""
         if self.rows[-1].steps_fail:
             return True
-        return self._has_bounds and self._suffices("mesh") and not all(map(self._suffices, _SHARES))
+        return (
+            self._has_bounds
+            and self._suffices("mesh")
+            and not all(map(self._suffices, self._parts))
+        )
 
     @property
-    def _has_parts(self) -> bool:
-        """Whether an error of the last level has several parts."""
-        return any(len(goal.parts) > 1 for goal in self.asked_goals.values())
+    def _parts(self) -> set[str]:
+        """The parts of the errors of the last level: of the mesh, and perhaps others."""
+        parts = (goal.parts.keys() for goal in self.asked_goals.values())
+        return {"mesh"}.union(*parts)
 
     def _excess(self, source: str) -> float:
         """Return the largest contribution of a part to a bound, over its share of the request."""
         parts = (goal.contribution(source) for goal in self.asked_goals.values())
-        share = _SHARES[source] if self._has_parts else 1.0
-        return max(parts, default=0.0) / (share * self.asked)
+        return max(parts, default=0.0) * len(self._parts) / self.asked
 
     def _suffices(self, source: str) -> bool:
-        """Return whether a part is about within its share."""
-        return self._excess(source) <= _ENOUGH
+        """Return whether a part is within its share: an equal part of the request."""
+        return self._excess(source) <= 1
 
     def forecast(
         self, refinement: float, shorter: float = 1.0, dofs: int = 0, cells: int = 0

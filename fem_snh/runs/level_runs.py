@@ -40,9 +40,7 @@ from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.level_meshes import (
     Refined,
     first_scene,
-    higher_degree,
     more_cells,
-    raised_element,
     refinement_of,
     smaller_lattice,
 )
@@ -290,7 +288,7 @@ class _LevelRuns:
             if note["kind"] == "supports" and "force" in note:
                 row.gives_way = note["text"]
             if note["kind"] == "inverted" and note["step"] == last:
-                row.inverted = note["text"]
+                row.estimate.left_out.append(f"finer meshes may have another state: {note['text']}")
         self._printed.level(levels.lines())
         if result.converged:
             self._finished = result.record | {"accuracy": levels.record()}
@@ -348,9 +346,9 @@ class _LevelRuns:
     def _announce(self, changes: LevelChanges, refined: Refined | None) -> str:
         """Print what the next level will cost; return why it is not solved, "" if it is."""
         levels, scene, dofs = self._levels, self._scene, 0
-        if self._refine is higher_degree and changes.refinement > 1:
-            if raised_element(scene) == scene.element:
-                return f"cells of a file have element = '{scene.element}' at most"
+        if refined and (element := refined.changes.get("element")):
+            if element == scene.element:
+                return f"cells of a file have element = '{element}' at most"
             dofs = levels.rows[-1].estimate.dofs or levels.rows[-1].dofs
         mesh = refined.mesh if refined else None
         cells = mesh.num_cells if mesh and not dofs else 0

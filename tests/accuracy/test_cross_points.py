@@ -18,7 +18,7 @@ a[] = Extrude {1, 0, 0} { Point{1}; }; b[] = Extrude {1, 0, 0} { Point{a[0]}; };
 low[] = Extrude {0, 1, 0} { Line{a[1], b[1]}; };
 high[] = Extrude {0, 1, 0} { Line{low[0], low[4]}; };
 Physical Surface("stiff") = {low[1], high[5]}; Physical Surface("soft") = {low[5], high[1]};
-Physical GoalCurve("left") = {low[3], high[3]}; Physical GoalCurve("right") = {low[6], high[6]};
+Physical Curve("left") = {low[3], high[3]}; Physical Curve("right") = {low[6], high[6]};
 """
 #: The force with a contrast of 100, from levels to 0.5 %; graded quadrilaterals give less than
 #: 0.0728, still falling, and six levels of uniform ones 0.0721.

@@ -145,7 +145,7 @@ side[] = Extrude {{1, 0, 0}} {{ Point{{1}}; Layers{{{0}}}; }};
 low[] = Extrude {{0, 0.3, 0}} {{ Line{{side[1]}}; Layers{{{1}}}; }};
 high[] = Extrude {{0, 0.2, 0}} {{ Line{{low[0]}}; Layers{{{1}}}; }};
 Physical Surface("soft") = {{low[1]}}; Physical Surface("stiff") = {{high[1]}};
-Physical GoalCurve("left") = {{low[3], high[3]}}; Physical GoalCurve("right") = {{low[2], high[2]}};
+Physical Curve("left") = {{low[3], high[3]}}; Physical Curve("right") = {{low[2], high[2]}};
 """
 
 
