@@ -331,14 +331,15 @@ def with_bounds(
 def _bounded(goal: GoalError, bound: float, coarser: GoalError) -> GoalError:
     """Return a goal with a bound, which a coarser level's may contradict.
 
-    It is at least the change from a value that differs by more than both bounds; and the coarser
-    bound if nothing confirms that the error has decreased.
+    It is at least the change from a value that differs by more than both bounds; and a coarser
+    bound that was confirmed, if nothing confirms that the error has decreased.
     """
     corrected = goal.corrected or 0.0
     if coarser.bound is not None and coarser.corrected is not None:
         change = abs(corrected - coarser.corrected)
         bound = max(bound, change) if change > bound + coarser.bound else bound
-        bound = bound if goal.confirmed else max(bound, coarser.bound)
+        if coarser.confirmed and not goal.confirmed:
+            bound = max(bound, coarser.bound)
     return replace(goal, bound=bound, scale=max(goal.scale, abs(corrected)))
 
 
