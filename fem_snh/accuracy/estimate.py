@@ -36,7 +36,7 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.penalties import penalty_errors
+from fem_snh.accuracy.penalties import has_penalties, penalty_errors
 from fem_snh.assembly.elements import Element
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
@@ -119,7 +119,7 @@ def estimate_error(
         created_in = partial(create_in, problem=problem, make=make)
         element, lifted = first_that_fits(elements, created_in)
         estimate.element, penalty = element.name, {}
-        if problem.scale_penalties(1.0):
+        if has_penalties(problem):
             penalty["penalty"] = penalty_errors(problem, goals, estimate)
         with closing(Lift(problem, lifted)) as lift:
             values, unsettled = lift.differences(goals, estimate, options.matters)

@@ -29,6 +29,13 @@ STIFFER = 4.0
 _MOST_TIMES = 8
 
 
+def has_penalties(problem: Problem) -> bool:
+    """Return whether the problem has penalties, a barrier among them. Collective."""
+    changes = problem.scale_penalties(STIFFER)
+    problem.scale_penalties(1 / STIFFER)
+    return changes
+
+
 def penalty_errors(
     problem: Problem, goals: Sequence[Goal], estimate: Estimate
 ) -> tuple[Array, Array]:
