@@ -26,7 +26,7 @@ from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.state_notes import LOCKING_RATIO, may_lock
 
-Found = TypeVar("Found")
+T = TypeVar("T")
 
 #: Taylor-Hood elements by their degree. Those of degree 3, on which nothing but the estimate
 #: relies, have a quadrature that is exact for products of two gradients on affine cells.
@@ -115,9 +115,7 @@ def _with_volume(element: Element, volume: str) -> Element:
     return replace(element, name=name, volume=volume, pressure_degree=0)
 
 
-def first_that_fits(
-    elements: Iterable[Element], make: Callable[[Element], Found]
-) -> tuple[Element, Found]:
+def first_that_fits(elements: Iterable[Element], make: Callable[[Element], T]) -> tuple[Element, T]:
     """Return the first element with which ``make`` succeeds, and what it returns. Collective.
 
     Raises
