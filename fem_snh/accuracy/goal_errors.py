@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.accuracy.effectivity import measure
+from fem_snh.accuracy.effectivity import MISSED, measure
 from fem_snh.errors import in_words
 from fem_snh.problem.goals import Goal, names_of, vector_of
 from fem_snh.problem.problem import Problem
@@ -332,13 +332,13 @@ def _bounded(goal: GoalError, bound: float, coarser: GoalError) -> GoalError:
     """Return a goal with a bound, which a coarser level's may contradict.
 
     It is at least the change from a value that differs by more than both bounds; and a coarser
-    bound that was confirmed, if nothing confirms that the error has decreased.
+    bound that was confirmed, if the effectivity is outside of 0.5 to 1.5 and does not confirm one.
     """
     corrected = goal.corrected or 0.0
     if coarser.bound is not None and coarser.corrected is not None:
         change = abs(corrected - coarser.corrected)
         bound = max(bound, change) if change > bound + coarser.bound else bound
-        if coarser.confirmed and not goal.confirmed:
+        if coarser.confirmed and abs(goal.theta - 1) > MISSED and not goal.confirmed:
             bound = max(bound, coarser.bound)
     return replace(goal, bound=bound, scale=max(goal.scale, abs(corrected)))
 
