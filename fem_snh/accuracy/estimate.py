@@ -113,6 +113,7 @@ def estimate_error(
     """
     with estimating(problem, goals, mesh) as estimate:
         check_problem(problem)
+        check_shapes(problem)
         elements = list(lifted_elements(problem))
         used = [elements[0], element_of_factor(problem, elements[0])]
         announce_cost(problem, used, estimate, announce, options.max_memory)
@@ -236,7 +237,6 @@ def estimating(
     watch = Stopwatch()
     estimate = Estimate(_without_errors(problem, goals))
     try:
-        check_shapes(problem)
         yield estimate
         faces = mesh.round_faces if mesh else None
         faces = faces or round_faces(problem.domain, problem.kinematics.revolved)

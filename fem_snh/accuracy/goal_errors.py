@@ -258,20 +258,20 @@ class GoalCurve(NamedTuple):
     ----------
     values : dict of float
         The values of the run.
-    errors, bounds : dict of float or None
-        What is to be added to them, and by how much the sums may be off; None: unknown.
+    errors, bounds : dict of float
+        What is to be added to them, and by how much the sums may be off.
     """
 
     values: dict[float, float]
-    errors: dict[float, float | None]
-    bounds: dict[float, float | None]
+    errors: dict[float, float]
+    bounds: dict[float, float]
 
     def seen_from(self, values: Mapping[float, float]) -> GoalCurve:
         """Return the curve of other ``values``, whose errors lead to the same corrected ones."""
-        here, errors = {at: values[at] for at in self.values if at in values}, dict(self.errors)
+        here, errors = {at: values[at] for at in self.values if at in values}, {}
         for at, value in here.items():
-            errors[at] = self.values[at] + (self.errors[at] or 0.0) - value
-        return GoalCurve(here, errors, self.bounds)
+            errors[at] = self.values[at] + self.errors[at] - value
+        return GoalCurve(here, errors, {at: self.bounds[at] for at in here})
 
 
 def _shown(value: float, error: float) -> str:

@@ -30,6 +30,7 @@ from fem_snh.accuracy.goal_errors import (
     Estimate,
     NoEstimate,
     StepsTooLong,
+    check_shapes,
 )
 from fem_snh.accuracy.lift import first_that_fits, lifted_elements
 from fem_snh.accuracy.penalties import STIFFER, without_penalties
@@ -218,6 +219,7 @@ def estimate_on_path(
         Where goals are evaluated that are not at the end: see `At`.
     """
     with estimating(problem, goals, mesh) as estimate:
+        check_shapes(problem)
         steps = path.steps
         if problem.motion and steps < HALVES:
             raise NoEstimate(f"{steps} time steps: expected at least {HALVES}")
@@ -307,7 +309,7 @@ class _Repetitions:
         if len(paths) > 2 and fewer >= _ENOUGH_STEPS:
             steps, followed = fewer, paths[0]
         parts["mesh"] = self._of_mesh(steps, followed)
-        if self.problem.scale_penalties(1.0):
+        if self.problem.scale_penalties(1.0):  # not of a barrier alone, whose gap is left out
             try:
                 parts["penalty"] = self._of_penalties(steps, followed)
             except NoEstimate as error:

@@ -165,12 +165,12 @@ def _errors_of_coarser(
     if coarser is None:
         run.reason = why
         return run
-    found = replace(coarser, indicators={}, seconds=run.seconds, loads=run.loads)
-    found.duration = scene.duration
-    found.goals = {name: goal.known_from(found.goals[name]) for name, goal in run.goals.items()}
+    found = replace(coarser, indicators={}, seconds=run.seconds, loads=run.loads, curves={})
+    found.duration, found.history = scene.duration, None
+    found.goals = {name: goal.known_from(coarser.goals[name]) for name, goal in run.goals.items()}
     if history:
         places = {name: i for i, name in enumerate(names_of(goals))}
-        for name, curve in found.curves.items():
+        for name, curve in coarser.curves.items():
             values = {load: float(all_[places[name]]) for load, all_ in history.values.items()}
             found.curves[name] = curve.seen_from(values)
     return found

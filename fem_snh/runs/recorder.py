@@ -155,17 +155,17 @@ class Recorder:
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.asked.items()}
         rows = {round(r["load"], LOAD_DIGITS): r for r in self.record["steps"] if r["converged"]}
-        from fem_snh.accuracy.goal_errors import GoalCurve
-
         for name, goal in estimate.asked.items():
             load = round(estimate.loads.get(name, self._problem.load), LOAD_DIGITS)
-            curve = estimate.curves.get(name)
-            curve = curve or GoalCurve({load: goal.value}, {load: goal.error}, {load: goal.bound})
-            for at in curve.values.keys() & rows.keys():  # others are between steps
-                row = rows[at]
-                row.setdefault("goals", {})[name] = curve.values[at]
-                row.setdefault("errors", {})[name] = curve.errors[at]
-                row.setdefault("bounds", {})[name] = curve.bounds[at]
+            by_load: dict[float, tuple[float, float | None, float | None]] = {}
+            if curve := estimate.curves.get(name):
+                by_load = {
+                    at: (v, curve.errors[at], curve.bounds[at]) for at, v in curve.values.items()
+                }
+            by_load[load] = goal.value, goal.error, goal.bound
+            for at in by_load.keys() & rows.keys():  # others are between steps
+                for key, value in zip(("goals", "errors", "bounds"), by_load[at], strict=True):
+                    rows[at].setdefault(key, {})[name] = value
         for name, goal in self.record["goals"].items():
             if name in estimate.loads:
                 goal["at"] = estimate.loads[name]

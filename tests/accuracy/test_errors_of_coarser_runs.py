@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from interrupted_runs import cut
 from running import solve
 
+import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Scene, Time, load
@@ -48,6 +50,37 @@ def test_in_time_each_goal_is_that_of_its_time() -> None:
     assert found.estimate.loads["corner.y"] == 0.5
     assert goal.value == pytest.approx(known.estimate.goals["corner.y"].value, rel=1e-9)
     assert abs(goal.corrected - known.estimate.goals["corner.y"].corrected) < goal.bound
+
+
+def test_a_resumed_run_has_no_curve(tmp_path: Any) -> None:
+    """Its rows are not those of the coarser run, which has one."""
+    scene = membrane(8, "coarser", steps=3)
+    with cut(2):
+        fem_snh.run(scene, out=tmp_path, progress=False)
+    result = fem_snh.run(scene, out=tmp_path, resume=True, progress=False)
+    assert result.converged and result.estimate.curves == {}
+    last = result.goals["corner.y"]
+    assert [row.get("goals", {}).get("corner.y") for row in result.steps] == [
+        None,
+        None,
+        last["value"],
+    ]
+
+
+@pytest.mark.parametrize("error", [True, "coarser"])
+def test_a_bone_that_is_a_shape_has_no_estimate(error: Any) -> None:
+    """The shape ends at the last of its nodes, which another element does not show."""
+    cube = Scene.model_validate(
+        {
+            "name": "cube", "mesh": {"source": "cube"}, "cells": 4, "element": "Q1", "steps": 1,
+            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+            "hold": [{"group": "bottom"}], "move": [{"group": "top", "translate": [0.01, 0, 0]}],
+            "bone": [{"name": "core", "shape": {"sphere": {"center": [0.5] * 3, "radius": 0.3}}}],
+            "error": error,
+        }
+    )  # fmt: skip
+    estimate = solve(cube).estimate
+    assert "is a shape, which ends at the last of its nodes" in estimate.reason
 
 
 def test_a_mesh_of_which_none_is_coarser() -> None:
