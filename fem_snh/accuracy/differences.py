@@ -34,6 +34,7 @@ from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
+from fem_snh.mesh.mesh import point_volumes
 from fem_snh.problem.duals import HessianSolver, assemble_hessian
 from fem_snh.problem.free_motions import Supports
 from fem_snh.problem.goals import Goal, bind_all, slices_of
@@ -279,8 +280,6 @@ def _sizes(goals: Sequence[Goal], values: Array) -> Array:
 #: body strains are finite, and cells have exponents of 0.8 to 1.2: with 1.5 the estimates are right
 #: there (docs/theory/error.md). At 12 a further degree leaves less than a hundredth.
 _EXPONENTS = np.linspace(1.5, 12.0, 211)
-#: Cells that are evaluated together: some 10 MB of gradients.
-_BATCH = 2000
 
 
 def saturation(lifted: Problem, u: PETSc.Vec) -> float:
@@ -308,38 +307,19 @@ def _table() -> tuple[Array, Array]:
 
 def _parts(lifted: Problem, vector: PETSc.Vec) -> Array:
     """Return a_2 and a_3 of each cell of this rank, (cells, 2)."""
-    u = local_values(vector).reshape(-1, lifted.kinematics.components)
-    nodes = _dolfinx.node_dofs(lifted.V)
-    geometry = _dolfinx.geometry_dofs(lifted.domain)
-    X = _dolfinx.geometry_x(lifted.domain)[:, : lifted.kinematics.dim]
-    parts = np.empty((len(nodes), 2))
-    for first in range(0, len(nodes), _BATCH):
-        batch = slice(first, first + _BATCH)
-        volumes, gradients = _gradients(lifted, u[nodes[batch]], X[geometry[batch]])
-        for k, (old, new) in enumerate(pairwise(gradients)):
-            parts[batch, k] = (volumes * ((new - old) ** 2).sum(axis=(2, 3))).sum(axis=1)
-    return parts
-
-
-def _gradients(problem: Problem, u: Array, X: Array) -> tuple[Array, list[Array]]:
-    """Return the volumes of quadrature points, and gradients of interpolations of degree 1 to 3.
-
-    From displacements and coordinates of the cells' nodes: (cells, points), and for each degree
-    (cells, points, components, dim).
-    """
-    cell, degree = problem.element.cell, problem.element.degree
-    points, weights = _dolfinx.quadrature(cell, problem.element.quadrature)
-    tangents = _dolfinx.tabulate_geometry(problem.domain, points)
-    jacobians = np.einsum("cgi,pgj->cpij", X, tangents, optimize=True)
-    volumes = weights * np.abs(np.linalg.det(jacobians))
-    if problem.kinematics.revolved:
-        volumes *= X[..., 0] @ _dolfinx.tabulate_geometry_values(problem.domain, points).T
-    inverse = np.linalg.inv(jacobians)
-    gradients = []
+    domain, element, kinematics = lifted.domain, lifted.element, lifted.kinematics
+    cell, degree = element.cell, element.degree
+    points, _ = _dolfinx.quadrature(cell, element.quadrature)
+    volumes = point_volumes(domain, element.quadrature, kinematics.revolved)
+    X = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)][..., : kinematics.dim]
+    tangents = _dolfinx.tabulate_geometry(domain, points)
+    inverse = np.linalg.inv(np.einsum("cgi,pgj->cpij", X, tangents, optimize=True))
+    u = local_values(vector).reshape(-1, kinematics.components)[_dolfinx.node_dofs(lifted.V)]
+    gradients = []  # of I_1 u to I_3 u, (cells, points, components, dim)
     for k in (1, 2, 3):
         nodes = _dolfinx.reference_nodes(cell, k)
         values = _dolfinx.tabulate_element(cell, degree, nodes, 0)[0] @ u
         basis = _dolfinx.tabulate_element(cell, k, points, 1)[1:]
-        reference = np.einsum("jpk,cki->cpij", basis, values, optimize=True)
-        gradients.append(reference @ inverse)
-    return volumes, gradients
+        gradients.append(np.einsum("jpk,cki->cpij", basis, values, optimize=True) @ inverse)
+    squares = [((new - old) ** 2).sum(axis=(2, 3)) for old, new in pairwise(gradients)]
+    return np.stack([(volumes * square).sum(axis=1) for square in squares], axis=1)
