@@ -47,18 +47,15 @@ def curves_of(
         there = estimate.loads.get(names[part.start], loads[-1])
         if there not in fine or any(goal.bound is None for goal in known):
             continue
-        at = loads.index(there)
-        along = _along(values[:, part], changes[:, part], at, known)
-        for i, name in enumerate(names[part] if along else ()):
-            errors, bounds = (
-                dict(zip(loads, table[:, i].tolist(), strict=True)) for table in along
-            )
-            found[name] = GoalCurve({at: float(fine[at][part][i]) for at in loads}, errors, bounds)
+        tables = _along(values[:, part], changes[:, part], loads.index(there), known)
+        for i, name in enumerate(names[part] if tables else ()):
+            columns = (table[:, i].tolist() for table in tables)
+            found[name] = GoalCurve(*(dict(zip(loads, c, strict=True)) for c in columns))
     return found
 
 
 def _along(values: Array, changes: Array, at: int, known: Sequence[GoalError]) -> tuple[Array, ...]:
-    """Return the errors and bounds of a vector after each step, (steps, n); () if unknown.
+    """Return a vector, its errors and bounds after each step, (steps, n) each; () if unknown.
 
     Parameters
     ----------
@@ -74,7 +71,7 @@ def _along(values: Array, changes: Array, at: int, known: Sequence[GoalError]) -
     sizes, change = np.abs(changes), changes[at]
     largest, size = sizes.max(), sizes[at].max()
     if size < OF_VECTOR * largest or size == 0:
-        return () if largest or error.any() else (changes, sizes)
+        return () if largest or error.any() else (values, changes, sizes)
     multiple = float(error @ change) / float(change @ change)
     of_change = (bound.max() + np.abs(error - multiple * change).max()) / size
     ways = np.abs(values - values[0])
@@ -82,4 +79,4 @@ def _along(values: Array, changes: Array, at: int, known: Sequence[GoalError]) -
     errors, bounds = multiple * changes, of_change * np.maximum(sizes, OF_VECTOR * largest)
     bounds = np.maximum(bounds, bound * of_largest)
     errors[at], bounds[at] = error, bound
-    return errors, bounds
+    return values, errors, bounds

@@ -311,7 +311,7 @@ class _LevelRuns:
         """Set levels and state to those of the last finished level, and return its result."""
         assert self._folder
         levels = self._levels
-        stored.restore(levels)
+        levels.rows = stored.rows
         last = levels.rows[-1]
         self._start -= last.elapsed
         self._change(stored.changes)

@@ -12,8 +12,6 @@ from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
@@ -50,17 +48,15 @@ class StoredLevels:
         The mesh of the last level, if it is not the scene's.
     lineage : Lineage or None
         Where its cells come from, on rank 0.
+    rows : list of LevelRow
+        The rows of the levels; the last one has no errors in cells before `restore_errors`.
     """
 
     changes: Mapping[str, Any]
     mesh: Mesh | None
     lineage: Lineage | None
-    _rows: list[LevelRow]
+    rows: list[LevelRow]
     _errors: Mapping[str, Array]
-
-    def restore(self, levels: Levels) -> None:
-        """Set the rows of levels; the last row has no errors in cells before `restore_errors`."""
-        levels.rows = self._rows
 
     def restore_errors(self, row: LevelRow, domain: _dolfinx.Mesh) -> None:
         """Set the errors in this rank's cells of the last level's row."""
@@ -196,14 +192,10 @@ def _identity(scene: scenes.Scene) -> dict[str, Any]:
 
 def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
     """Return values of owned cells on rank 0 in the order of the mesh's input. Collective."""
-    comm: MPI.Comm = domain.comm
     rows = _dolfinx.input_cells(domain)[: len(values)]
-    parts = comm.gather((rows, values)) or [(rows, values)]
-    found = np.empty(sum(len(part[0]) for part in parts))
-    if comm.rank == 0:
-        for numbers, part in parts:
-            found[numbers] = part
-    return found
+    parts = domain.comm.gather((rows, values)) or [(rows, values)]
+    numbers, gathered = map(np.concatenate, zip(*parts, strict=True))
+    return np.asarray(gathered[np.argsort(numbers)])
 
 
 def _row_record(row: LevelRow) -> dict[str, Any]:
