@@ -28,7 +28,7 @@ from fem_snh.accuracy.goal_errors import (
 )
 from fem_snh.accuracy.indicators import cell_indicators, place
 from fem_snh.accuracy.lift import (
-    check_memory,
+    available_memory,
     create_in,
     element_of_factor,
     first_that_fits,
@@ -40,7 +40,7 @@ from fem_snh.accuracy.penalties import has_penalties, penalty_errors
 from fem_snh.assembly.elements import Element
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
-from fem_snh.errors import BadInput, in_words
+from fem_snh.errors import in_words
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.problem.goals import Goal, StressGoal, TermGoal, names_of
@@ -53,9 +53,6 @@ Array = npt.NDArray[np.float64]
 _LEAST_SCALE = 1e-3
 #: The relative error that matters, of which 2 % may be unsettled, where none is asked for.
 _MATTERS = 5e-3
-
-#: Called with the cost, before the errors are estimated.
-Announce = Callable[[Estimate], None]
 
 
 @dataclass(frozen=True)
@@ -73,12 +70,18 @@ class EstimateOptions:
         the largest relative error is.
     max_memory : float
         The memory that the lifted problem may have [bytes].
+    mesh : Mesh or None
+        The mesh of a scene, whose groups describe where the error is.
+    announce : callable
+        Called with the cost, before the errors are estimated.
     """
 
     asked: float = 0.0
     stability: bool = False
     locate_all: bool = True
     max_memory: float = inf
+    mesh: Mesh | None = None
+    announce: Callable[[Estimate], None] = lambda estimate: None
 
     @property
     def matters(self) -> float:
@@ -90,8 +93,6 @@ def estimate_error(
     problem: Problem,
     make: Callable[[Element], Problem],
     goals: Sequence[Goal],
-    announce: Announce = lambda estimate: None,
-    mesh: Mesh | None = None,
     options: EstimateOptions = EstimateOptions(),
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
@@ -104,19 +105,15 @@ def estimate_error(
         Returns the same problem on the same mesh with another element.
     goals : sequence of Goal
         The goals.
-    announce : callable, optional
-        Called before the lifted problem is created, with its unknowns and memory.
-    mesh : Mesh, optional
-        The mesh, whose groups describe where the error is.
     options : EstimateOptions, optional
         What the estimate is for.
     """
-    with estimating(problem, goals, mesh) as estimate:
+    with estimating(problem, goals, options.mesh) as estimate:
         check_problem(problem)
         check_shapes(problem)
         elements = list(lifted_elements(problem))
         used = [elements[0], element_of_factor(problem, elements[0])]
-        announce_cost(problem, used, estimate, announce, options.max_memory)
+        announce_cost(problem, used, estimate, options)
         created_in = partial(create_in, problem=problem, make=make)
         element, lifted = first_that_fits(elements, created_in)
         estimate.element, penalty = element.name, {}
@@ -136,9 +133,10 @@ def estimate_error(
 
             factor = saturation(lifted, lifted.split(lifted.x)[0])
             of_mesh, factor = with_missed(problem, element, factor, values, in_middle)
-            estimate.saturation, unsettled = factor, factor * unsettled
-            parts = {"mesh": (of_mesh, MISSED * np.abs(of_mesh))}
-            set_parts(estimate, goals, parts | penalty, unsettled)
+            estimate.saturation = factor
+            parts = {"mesh": (of_mesh, MISSED * np.abs(of_mesh)), **penalty}
+            parts["algebra"] = np.zeros(len(values)), factor * unsettled
+            set_parts(estimate, goals, parts)
             _set_least(lift, goals, estimate)
             factors = np.full(len(values), estimate.saturation)
             np.divide(of_mesh, values, out=factors, where=of_mesh * values > 0)
@@ -146,7 +144,7 @@ def estimate_error(
             chosen = _located(estimate, options)
             for name, in_cells in cell_indicators(lift, goals, chosen).items():
                 estimate.indicators[name] = of_goals[name] * in_cells
-                if where := place(problem, estimate.indicators[name], mesh):
+                if where := place(problem, estimate.indicators[name], options.mesh):
                     estimate.places[name] = where
             estimate.newton += lift.newton
             estimate.linear += lift.linear
@@ -173,7 +171,7 @@ def with_missed(
     differences : (goals,) array
         The goals in the lifted element less those of the run.
     in_middle : callable
-        Returns the same of another element.
+        Returns the same of another element; it raises BadInput if that does not fit.
 
     Returns
     -------
@@ -183,7 +181,7 @@ def with_missed(
     middle = element_of_factor(problem, lifted)
     if middle is None or factor == 1:
         return differences, 1.0
-    others = 0.0 if middle is problem.element else in_middle(middle)
+    others = 0.0 if middle is problem.element else first_that_fits([middle], in_middle)[1]
     return differences + (factor - 1) * (differences - others), factor
 
 
@@ -214,7 +212,8 @@ def _located(estimate: Estimate, options: EstimateOptions) -> Collection[str]:
         name: abs(goal.of_mesh) / goal.scale for name, goal in estimate.asked.items() if goal.scale
     }
     names = [name for name in relative if relative[name] > SETTLED * options.matters]
-    return names if options.locate_all else [max(names, key=relative.__getitem__)] if names else []
+    names.sort(key=relative.__getitem__, reverse=True)
+    return names if options.locate_all else names[:1]
 
 
 @contextmanager
@@ -223,7 +222,7 @@ def estimating(
 ) -> Iterator[Estimate]:
     """Yield the goals of a problem, to which errors are added in the ``with`` block. Collective.
 
-    NoEstimate or BadInput that is raised in it is the reason why there are none.
+    NoEstimate that is raised in it is the reason why there are none.
 
     Parameters
     ----------
@@ -242,7 +241,7 @@ def estimating(
         faces = faces or round_faces(problem.domain, problem.kinematics.revolved)
         estimate.left_out += filter(None, [faces.text])
         _add_narrow_contacts(problem, estimate)
-    except (NoEstimate, BadInput) as reason:  # BadInput: an element does not fit
+    except NoEstimate as reason:
         estimate.reason = str(reason)
         estimate.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
         estimate.steps_too_long = isinstance(reason, StepsTooLong)
@@ -250,6 +249,13 @@ def estimating(
     _mark_forces_without_contact(problem, goals, estimate)
     estimate.jit = watch.jit
     estimate.seconds = watch.seconds + estimate.jit
+
+
+def values_of(problem: Problem, goals: Sequence[Goal]) -> Estimate:
+    """Return the goals of a problem at its solution, without errors. Collective."""
+    with estimating(problem, goals) as estimate:
+        pass
+    return estimate
 
 
 def without_bounds(why: str) -> str:
@@ -261,8 +267,7 @@ def announce_cost(
     problem: Problem,
     elements: Sequence[Element | None],
     estimate: Estimate,
-    announce: Announce,
-    max_memory: float,
+    options: EstimateOptions,
 ) -> None:
     """Announce what the first of some elements costs, with the memory of all of them.
 
@@ -274,8 +279,16 @@ def announce_cost(
     used = [element for element in elements if element not in (None, problem.element)]
     estimate.element, estimate.dofs = used[0].name, lifted_dofs(problem, used[0])
     estimate.memory = sum(memory(problem, element) for element in used)
-    announce(estimate)
-    check_memory(problem, estimate.element, estimate.memory, max_memory)
+    options.announce(estimate)
+    available, most = available_memory(problem.comm), options.max_memory
+    if estimate.memory > min(available, most):
+        limit = f"{most / 1e6:.3g} MB are allowed"
+        if available < most:
+            limit = f"{available / 1e6:.2g} MB are available"
+        raise NoEstimate(
+            f"{estimate.element} needs about {estimate.memory / 1e6:.2g} MB of memory, of which "
+            f"{limit}"
+        )
 
 
 def _add_narrow_contacts(problem: Problem, estimate: Estimate) -> None:
@@ -320,10 +333,7 @@ def _mark_forces_without_contact(
 
 
 def set_parts(
-    estimate: Estimate,
-    goals: Sequence[Goal],
-    parts: Mapping[str, tuple[Array, Array]],
-    unsettled: Array | None = None,
+    estimate: Estimate, goals: Sequence[Goal], parts: Mapping[str, tuple[Array, Array]]
 ) -> None:
     """Set the estimates of goals: the sums of their parts.
 
@@ -335,15 +345,10 @@ def set_parts(
         The goals.
     parts : mapping of two arrays
         The parts (goals,) by their source, and what each may miss.
-    unsettled : (goals,) array, optional
-        What further iterations would change.
     """
     for i, name in enumerate(names_of(goals)):
         known = {source: float(part[i]) for source, (part, _) in parts.items() if part[i]}
         missed = {source: float(bound[i]) for source, (_, bound) in parts.items() if bound[i]}
-        if unsettled is not None and unsettled[i]:
-            missed["algebra"] = float(unsettled[i])
-        total = sum(known.values())
         estimate.goals[name] = replace(
-            estimate.goals[name], estimate=total, parts=known, missed=missed
+            estimate.goals[name], estimate=sum(known.values()), parts=known, missed=missed
         )

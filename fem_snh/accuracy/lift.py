@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goal_errors import NoEstimate, NoEstimateOnAnyMesh
+from fem_snh.accuracy.goal_errors import NoEstimateOnAnyMesh
 from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.unknowns import summed_over_cells
 from fem_snh.errors import BadInput
@@ -140,8 +140,7 @@ def create_in(element: Element, problem: Problem, make: Callable[[Element], Prob
     """
     other = make(element)
     for term, base in zip(other.terms, problem.terms, strict=True):
-        if isinstance(base, type(term)):
-            term.share_lengths(base)
+        term.share_lengths(base)
     other.interpolate(problem)
     if other.saddle_point is not None:
         without, residual = other.x.copy(), other.x.duplicate()
@@ -198,19 +197,6 @@ def memory(problem: Problem, element: Element) -> float:
     """Return about how many bytes the lifted problem needs on all ranks. Collective."""
     nodes = len(_dolfinx.reference_nodes(element.cell, element.degree))
     return float(_BYTES * problem.num_cells * (element.kinematics.components * nodes) ** 2)
-
-
-def check_memory(problem: Problem, element: str, needed: float, most: float) -> None:
-    """Raise NoEstimate if an element needs more than ``most`` or is available [bytes].
-
-    Collective.
-    """
-    available = available_memory(problem.comm)
-    if needed > min(available, most):
-        limit = f"{most / 1e6:.3g} MB are allowed"
-        if available < most:
-            limit = f"{available / 1e6:.2g} MB are available"
-        raise NoEstimate(f"{element} needs about {needed / 1e6:.2g} MB of memory, of which {limit}")
 
 
 def available_memory(comm: Any) -> float:

@@ -8,12 +8,12 @@ penalties, with softer or stiffer ones. `fem_snh.accuracy.effectivity` has the r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
-from math import ceil, inf
+from math import ceil
 from types import MappingProxyType
 from typing import Any
 
@@ -23,7 +23,13 @@ from numpy.linalg import norm
 
 from fem_snh.accuracy.differences import saturation
 from fem_snh.accuracy.effectivity import MISSED, of_order
-from fem_snh.accuracy.estimate import Announce, announce_cost, estimating, set_parts, with_missed
+from fem_snh.accuracy.estimate import (
+    EstimateOptions,
+    announce_cost,
+    estimating,
+    set_parts,
+    with_missed,
+)
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
     TIME_STEPS,
@@ -36,7 +42,6 @@ from fem_snh.accuracy.lift import first_that_fits, lifted_elements
 from fem_snh.accuracy.penalties import STIFFER, without_penalties
 from fem_snh.assembly.elements import Element
 from fem_snh.choices import LARGEST, LOAD_DIGITS
-from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.goals import Goal, bind_all, is_as_far, slices_of
 from fem_snh.problem.problem import Problem
 
@@ -117,10 +122,11 @@ class GoalHistory:
         return max(load for load, size in sizes.items() if is_as_far(size, farthest, size_at_start))
 
 
+@dataclass(frozen=True)
 class Path:
     """The path to the state of a problem, which can be followed again from its beginning.
 
-    Parameters
+    Attributes
     ----------
     stepper : Stepper
         Its steps.
@@ -128,75 +134,29 @@ class Path:
         Begins it again.
     history : GoalHistory, optional
         The goals along it; default: it is followed again for them.
-
-    Attributes
-    ----------
-    newton, linear : int
-        The iterations where it was followed again.
     """
 
-    def __init__(self, stepper: Any, repeat: Repeat, history: GoalHistory | None = None) -> None:
-        self._stepper, self._repeat, self._history = stepper, repeat, history
-        self.newton = self.linear = 0
+    stepper: Any
+    repeat: Repeat
+    history: GoalHistory | None = None
 
     @property
     def steps(self) -> int:
         """The given number of steps; it raises NoEstimate unless they are equal and are done."""
-        if self._stepper.motion and self._stepper.motion.tolerance is not None:
+        if self.stepper.motion and self.stepper.motion.tolerance is not None:
             raise NoEstimate(
                 "time.tolerance: expected equal time steps, of which half are compared"
             )
-        if not self._stepper.done:
+        if not self.stepper.done:
             raise NoEstimate("the steps have not reached their end")
-        return int(self._stepper.steps)
-
-    def itself(self, goals: Sequence[Goal]) -> GoalHistory:
-        """Return the path as it was followed. Collective."""
-        return self._history or self.follow(goals, self.steps)
-
-    def follow(
-        self,
-        goals: Sequence[Goal],
-        steps: int,
-        element: Element | None = None,
-        stiffer: float = 1.0,
-    ) -> GoalHistory:
-        """Follow the path in so many steps, by default with the run's element. Collective.
-
-        Penalties are so many times ``stiffer`` than those of the run.
-
-        Raises
-        ------
-        BadInput
-            If the element does not fit.
-        NoEstimate
-            If the steps do not reach their end, or a goal is not finite.
-        """
-        with self._repeat(steps, element, stiffer) as stepper:
-            problem = stepper.problem
-            history = GoalHistory(problem, goals)
-            what = f"with {steps} steps of {problem.element.name}"
-            for row in stepper:
-                self.newton += row["newton"]
-                self.linear += row["linear"]
-                if row["converged"]:
-                    history.add()
-            if not stepper.done:
-                raise StepsTooLong(f"{what}: {stepper.failure_message()}")
-            if not all(np.isfinite(values).all() for values in history.values.values()):
-                raise NoEstimate(f"a goal is not finite {what}")
-            if problem.motion:
-                history.saturation = saturation(problem, problem.split(problem.x)[0])
-            return history
+        return int(self.stepper.steps)
 
 
 def estimate_on_path(
     problem: Problem,
     path: Path,
     goals: Sequence[Goal],
-    announce: Announce = lambda estimate: None,
-    mesh: Mesh | None = None,
-    max_memory: float = inf,
+    options: EstimateOptions = EstimateOptions(),
     at: Mapping[Goal, At] = MappingProxyType({}),
 ) -> Estimate:
     """Return the errors of goals of a motion, or of load steps. Collective.
@@ -209,25 +169,19 @@ def estimate_on_path(
         How it came there.
     goals : sequence of Goal
         The goals.
-    announce : callable, optional
-        Called with the cost, before the path is followed.
-    mesh : Mesh, optional
-        The mesh of a scene.
-    max_memory : float, optional
-        The memory that the lifted problem may have [bytes].
+    options : EstimateOptions, optional
+        What the estimate is for.
     at : mapping, optional
         Where goals are evaluated that are not at the end: see `At`.
     """
-    with estimating(problem, goals, mesh) as estimate:
+    with estimating(problem, goals, options.mesh) as estimate:
         check_shapes(problem)
         steps = path.steps
         if problem.motion and steps < HALVES:
             raise NoEstimate(f"{steps} time steps: expected at least {HALVES}")
         estimate.again = ceil(steps / 2) if steps > 1 else 2
-        announce_cost(problem, _lifted_elements(problem)[:1], estimate, announce, max_memory)
-        path.newton = path.linear = 0
+        announce_cost(problem, _lifted_elements(problem)[:1], estimate, options)
         _Repetitions(problem, path, goals, estimate, at).add()
-        estimate.newton, estimate.linear = path.newton, path.linear
     return estimate
 
 
@@ -236,7 +190,7 @@ def values_on_path(
 ) -> Estimate:
     """Return goals without errors, where they are evaluated; see `estimate_on_path`. Collective."""
     with estimating(problem, goals) as estimate:
-        _Repetitions(problem, path, goals, estimate, at).set_values(path.itself(goals))
+        _Repetitions(problem, path, goals, estimate, at).set_values()
     return estimate
 
 
@@ -264,15 +218,47 @@ class _Repetitions:
     estimate: Estimate
     at: Mapping[Goal, At]
 
+    @cached_property
+    def run(self) -> GoalHistory:
+        """The path as the run followed it."""
+        return self.path.history or self._follow(self.path.steps)
+
     @property
     def _parts(self) -> list[tuple[slice, At]]:
         """The scalars of each goal, and where it is evaluated."""
         places = map(self.at.get, self.goals)
         return list(zip(slices_of(self.goals), places, strict=True))
 
-    def _follow(self, *how: Any, **keys: Any) -> GoalHistory:
-        """Follow the path again: see `Path.follow`."""
-        return self.path.follow(self.goals, *how, **keys)
+    def _follow(
+        self, steps: int, element: Element | None = None, stiffer: float = 1.0
+    ) -> GoalHistory:
+        """Follow the path in so many steps, by default with the run's element. Collective.
+
+        Penalties are so many times ``stiffer`` than those of the run.
+
+        Raises
+        ------
+        BadInput
+            If the element does not fit.
+        NoEstimate
+            If the steps do not reach their end, or a goal is not finite.
+        """
+        with self.path.repeat(steps, element, stiffer) as stepper:
+            problem = stepper.problem
+            history = GoalHistory(problem, self.goals)
+            what = f"with {steps} steps of {problem.element.name}"
+            for row in stepper:
+                self.estimate.newton += row["newton"]
+                self.estimate.linear += row["linear"]
+                if row["converged"]:
+                    history.add()
+            if not stepper.done:
+                raise StepsTooLong(f"{what}: {stepper.failure_message()}")
+            if not all(np.isfinite(values).all() for values in history.values.values()):
+                raise NoEstimate(f"a goal is not finite {what}")
+            if problem.motion:
+                history.saturation = saturation(problem, problem.split(problem.x)[0])
+            return history
 
     def add(self) -> None:
         """Add the errors to the estimate.
@@ -282,8 +268,13 @@ class _Repetitions:
         NoEstimate
             If there are none.
         """
-        steps, run = self.estimate.again, self.path.itself(self.goals)
-        self.set_values(run)
+        steps, run, estimate, terms = (
+            self.estimate.again,
+            self.run,
+            self.estimate,
+            self.problem.terms,
+        )
+        self.set_values()
         followed = self._follow(steps)
         ratio = run.taken / followed.taken  # below 1 where the run has one step
         if 1 / _LEAST_RATIO < ratio < _LEAST_RATIO:
@@ -298,14 +289,12 @@ class _Repetitions:
             if 2 * quarter.taken == followed.taken:  # none failed
                 paths.insert(0, quarter)
         # Contact begins and ends between time steps; friction acts along the chord of a load step.
-        touches = any(term.is_contact for term in self.problem.terms)
+        touches = any(term.is_contact for term in terms)
         order = motion.integrator.order if motion and not touches else 1
         powers = [(fine.taken / coarse.taken) ** order for coarse, fine in pairwise(paths)]
         parts = {TIME_STEPS if motion else LOAD_STEPS: self._of_order(paths, powers)}
-        for term in self.problem.terms:
-            if term.length_text:
-                gap = f"the errors do not include that of the gap: {term.length_text}"
-                self.estimate.left_out.append(gap)
+        gaps = [term.length_text for term in terms if term.length_text]
+        estimate.left_out += [f"the errors do not include that of the gap: {gap}" for gap in gaps]
         if len(paths) > 2 and fewer >= _ENOUGH_STEPS:
             steps, followed = fewer, paths[0]
         parts["mesh"] = self._of_mesh(steps, followed)
@@ -315,41 +304,40 @@ class _Repetitions:
             except NoEstimate as error:
                 if motion:
                     raise
-                what = f"the error of penalties is not known: {error}"
-                self.estimate.left_out.append(what)
-        set_parts(self.estimate, self.goals, parts)
+                estimate.left_out.append(f"the error of penalties is not known: {error}")
+        set_parts(estimate, self.goals, parts)
 
-    def set_values(self, run: GoalHistory) -> None:
+    def set_values(self) -> None:
         """Set the values of goals, and their loads, where they are not at the end."""
-        estimate, values = self.estimate, self._ends(run)
+        goals, loads = self.estimate.goals, self.estimate.loads
         for goal, (part, at) in zip(self.goals, self._parts, strict=True):
-            if (load := run.load_of(part, at)) == 1:
+            if (load := self.run.load_of(part, at)) == 1:
                 continue
-            of_goal = dict(zip(goal.names, map(float, values[part]), strict=True))
-            scale = max(abs(of_goal[name]) for name in goal.asked)
-            for name, value in of_goal.items():
-                known = estimate.goals[name]
-                estimate.goals[name] = replace(known, value=value, scale=scale or known.scale)
-                estimate.loads[name] = load
+            values = dict(zip(goal.names, map(float, self.run.at(load)[part]), strict=True))
+            scale = max(abs(values[name]) for name in goal.asked)
+            for name, value in values.items():
+                goals[name] = replace(goals[name], value=value, scale=scale or goals[name].scale)
+                loads[name] = load
 
     def _ends(self, path: GoalHistory) -> Array:
         """Return the goals of a path where they are evaluated, (scalars,)."""
         values = [path.at(path.load_of(part, at))[part] for part, at in self._parts]
         return np.concatenate(values)
 
-    def _vectors(self, paths: Sequence[GoalHistory], part: slice, at: At) -> list[Array]:
-        """Return a goal of each path where it is evaluated, (instants, n), and late before that.
+    def _late(self, paths: Sequence[GoalHistory]) -> Iterator[list[Array]]:
+        """Yield each goal late on the paths, and where it is evaluated: (instants, n) of each path.
 
         Late is the second half of the way: errors of a vibration change their sign, and are small
         at an instant by chance.
         """
-        ends = [path.load_of(part, at) for path in paths]
         common = set(paths[0].values).intersection(*(path.values for path in paths[1:]))
-        loads = sorted(load for load in common if min(ends) / 2 <= load < min(ends))
-        return [
-            np.array([path.at(load)[part] for load in (*loads, end)])
-            for path, end in zip(paths, ends, strict=True)
-        ]
+        for part, at in self._parts:
+            ends = [path.load_of(part, at) for path in paths]
+            loads = sorted(load for load in common if min(ends) / 2 <= load < min(ends))
+            yield [
+                np.array([path.at(load)[part] for load in (*loads, end)])
+                for path, end in zip(paths, ends, strict=True)
+            ]
 
     def _of_order(
         self, paths: Sequence[GoalHistory], powers: Sequence[float]
@@ -359,10 +347,9 @@ class _Repetitions:
         At its end an error of a vibration may be as large as at any late instant.
         """
         errors, missed = [], []
-        for part, at in self._parts:
-            vectors = [values.ravel() for values in self._vectors(paths, part, at)]
-            size = part.stop - part.start
-            error, bounds = (each.reshape(-1, size) for each in of_order(vectors, powers))
+        for values in self._late(paths):
+            found = of_order([instants.ravel() for instants in values], powers)
+            error, bounds = (each.reshape(values[0].shape) for each in found)
             errors.append(error[-1])
             missed.append(bounds.max(axis=0))
         return np.concatenate(errors), np.concatenate(missed)
@@ -382,9 +369,9 @@ class _Repetitions:
             self._ends(lifted) - values,
             lambda middle: self._ends(self._follow(steps, middle)) - values,
         )
-        late = [np.subtract(*self._vectors([lifted, followed], *part)) for part in self._parts]
-        largest = np.concatenate([np.abs(change).max(axis=0) for change in late])
-        return mesh, MISSED * np.maximum(np.abs(mesh), estimate.saturation * largest)
+        late = [np.abs(better - own).max(axis=0) for better, own in self._late([lifted, followed])]
+        largest = estimate.saturation * np.concatenate(late)
+        return mesh, MISSED * np.maximum(np.abs(mesh), largest)
 
     def _of_penalties(self, steps: int, followed: GoalHistory) -> tuple[Array, Array]:
         """Return the error of penalties in a path with so many steps, and what that may miss."""

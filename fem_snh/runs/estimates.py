@@ -3,41 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
 from fem_snh.accuracy.curves import curves_of
 from fem_snh.accuracy.estimate import (
-    Announce,
     EstimateOptions,
     estimate_error,
     estimating,
+    values_of,
     without_bounds,
 )
-from fem_snh.accuracy.goal_errors import (
-    Estimate,
-    NoEstimateOnAnyMesh,
-    with_bounds,
-)
-from fem_snh.accuracy.path_errors import (
-    GoalHistory,
-    estimate_on_path,
-    values_on_path,
-)
+from fem_snh.accuracy.goal_errors import Estimate, NoEstimate, NoEstimateOnAnyMesh, with_bounds
+from fem_snh.accuracy.path_errors import estimate_on_path, values_on_path
 from fem_snh.accuracy.refinement import left_by_uniform
 from fem_snh.cache import Stopwatch
 from fem_snh.errors import BadInput, Failed
 from fem_snh.problem.goals import Goal, names_of
-from fem_snh.problem.problem import Problem
 from fem_snh.runs.level_meshes import coarser_scene, is_refined_locally
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.result import Result
-from fem_snh.runs.scene_goals import GoalStates, goal_loads
+from fem_snh.runs.scene_goals import goal_loads
 from fem_snh.runs.scene_replay import scene_path
 from fem_snh.runs.setup import Setup
-from fem_snh.scenes import Scene
 
 if TYPE_CHECKING:
     from fem_snh.runs.level_runs import Level
@@ -72,156 +62,137 @@ def estimate_errors(
     again : callable or None
         Runs another scene, which measures them otherwise; None: nothing does.
     """
+    run = _FinishedRun(setup, goals, recorder, printed)
     if again and not level and setup.scene.error == "coarser":
-        estimate = _errors_of_coarser(setup, goals, recorder, printed, again)
+        estimate = run.errors_of_coarser(again)
     else:
-        estimate = _estimated(setup, goals, recorder, printed.estimating)
+        estimate = run.errors()
         if level:
             level.measure(estimate)
         elif again and not estimate.reason:
-            _measure(setup, goals, recorder.history, estimate, again, printed)
+            run.add_bounds(estimate, again)
     if recorder.history and not level:
         estimate.history = recorder.history
     return estimate
 
 
-def _estimated(
-    setup: Setup,
-    goals: Sequence[Goal],
-    recorder: Recorder,
-    announce: Announce,
-) -> Estimate:
-    """Return the errors of goals, without bounds; see `estimate_errors`. Collective."""
-    scene, problem, states = setup.scene, setup.problem, recorder.states
-    if states is None:
-        path, at = scene_path(setup, recorder.history), goal_loads(scene, goals)
-        most = _max_memory(scene)
-        found = estimate_on_path(problem, path, goals, announce, setup.mesh, most, at)
-        found.duration = scene.duration
-        return found
-    fields = recorder.writes_fields
-    return _of_states(
-        setup, goals, states, lambda there: _errors_at(setup, there, announce, fields)
-    )
+@dataclass(frozen=True)
+class _FinishedRun:
+    """A run at its end, with the goals whose errors are estimated: see `estimate_errors`.
 
-
-def _of_states(
-    setup: Setup,
-    goals: Sequence[Goal],
-    states: GoalStates,
-    errors: Callable[[Sequence[Goal]], Estimate],
-) -> Estimate:
-    """Return the ``errors`` of goals, each in the state in which it is evaluated. Collective."""
-    if states.reason:
-        with estimating(setup.problem, goals) as estimate:
-            raise NoEstimateOnAnyMesh(states.reason)
-        return estimate
-    by_load = {}
-    for load, goals_there in states.by_load().items():
-        with states.at(load):
-            by_load[load] = errors(goals_there)
-    return Estimate.merged(by_load, names_of(goals))
-
-
-def _measure(
-    setup: Setup,
-    goals: Sequence[Goal],
-    history: GoalHistory | None,
-    estimate: Estimate,
-    again: Callable[..., Result],
-    printed: Progress,
-) -> None:
-    """Add the bounds that a run with half the cells, in time half the steps, too, measures."""
-    coarser, dofs, why = _of_coarser_run(setup.scene, estimate, again, printed, alone=True)
-    if coarser is None:
-        estimate.left_out.append(without_bounds(why))
-        return
-    problem = setup.problem
-    left = left_by_uniform(dofs, problem.dofs, problem.element.degree, problem.kinematics.dim)
-    estimate.goals = with_bounds(estimate.goals, [coarser.goals], left)
-    if history and coarser.history:
-        estimate.curves = curves_of(estimate, goals, history, coarser.history)
-
-
-def _errors_of_coarser(
-    setup: Setup,
-    goals: Sequence[Goal],
-    recorder: Recorder,
-    printed: Progress,
-    again: Callable[..., Result],
-) -> Estimate:
-    """Return the differences to the corrected goals of a run with half the cells. Collective.
-
-    Their bounds are those of that run, which one with a quarter of the cells measures.
+    All methods are collective.
     """
-    scene, history = setup.scene, recorder.history
-    if recorder.states is not None:
-        run = _of_states(setup, goals, recorder.states, partial(_values, setup.problem))
-    else:
-        path, at = scene_path(setup, history), goal_loads(scene, goals)
-        run = values_on_path(setup.problem, path, goals, at)
-    scene = scene.model_copy(update={"error": True})
-    coarser, _, why = _of_coarser_run(scene, run, again, printed)
-    if coarser is None:
-        run.reason = why
-        return run
-    found = replace(coarser, indicators={}, seconds=run.seconds, loads=run.loads, curves={})
-    found.duration, found.history = scene.duration, None
-    found.goals = {name: goal.known_from(coarser.goals[name]) for name, goal in run.goals.items()}
-    if history:
-        places = {name: i for i, name in enumerate(names_of(goals))}
-        for name, curve in coarser.curves.items():
-            values = {load: float(all_[places[name]]) for load, all_ in history.values.items()}
-            found.curves[name] = curve.seen_from(values)
-    return found
 
+    setup: Setup
+    goals: Sequence[Goal]
+    recorder: Recorder
+    printed: Progress
 
-def _values(problem: Problem, goals: Sequence[Goal]) -> Estimate:
-    """Return goals without errors. Collective."""
-    with estimating(problem, goals) as estimate:
-        pass
-    return estimate
+    def errors(self, values_alone: bool = False) -> Estimate:
+        """Return the goals with their errors, without bounds; or their values alone.
 
+        They are evaluated along the path if their end depends on it, else in their states.
+        """
+        setup, goals, states = self.setup, self.goals, self.recorder.states
+        scene, problem, by_load = setup.scene, setup.problem, {}
+        if states is None:
+            path, at = scene_path(setup, self.recorder.history), goal_loads(scene, goals)
+            if values_alone:
+                return values_on_path(problem, path, goals, at)
+            found = estimate_on_path(problem, path, goals, self._options, at)
+            found.duration = scene.duration
+            return found
+        if states.reason:
+            with estimating(problem, goals) as estimate:
+                raise NoEstimateOnAnyMesh(states.reason)
+            return estimate
+        assert setup.make is not None
+        for load, goals_there in states.by_load().items():
+            with states.at(load):
+                if values_alone:
+                    by_load[load] = values_of(problem, goals_there)
+                else:
+                    by_load[load] = estimate_error(problem, setup.make, goals_there, self._options)
+        return Estimate.merged(by_load, names_of(goals))
 
-def _of_coarser_run(
-    scene: Scene,
-    estimate: Estimate,
-    again: Callable[..., Result],
-    printed: Progress,
-    alone: bool = False,
-) -> tuple[Estimate | None, int, str]:
-    """Return the errors of a run with half the cells and its unknowns, or None and why.
+    @property
+    def _options(self) -> EstimateOptions:
+        """What the estimate is for."""
+        scene, wanted, max_memory = self.setup.scene, self.setup.scene.accuracy, inf
+        if wanted and wanted.max_memory is not None and not scene.within:
+            max_memory = 1e6 * wanted.max_memory
+        local = is_refined_locally(scene) if scene.within else bool(wanted and wanted.goals)
+        return EstimateOptions(
+            asked=scene.within or 0.0,
+            stability=scene.stability,
+            locate_all=local or self.recorder.writes_fields,
+            max_memory=max_memory,
+            mesh=self.setup.mesh,
+            announce=self.printed.estimating,
+        )
 
-    Its seconds are added to those of ``estimate``.
-    """
-    coarser, what = coarser_scene(scene)
-    if coarser is None:
-        return None, 0, what
-    printed.line(f"  a run with {what} {'measures the estimate' if alone else 'has the errors'}")
-    watch, failed = Stopwatch(), "the steps fail"
-    try:
-        result = again(coarser, alone=alone)
-        if result.estimate and not result.estimate.reason:
-            return result.estimate, result.problem.dofs, ""
-        failed = result.estimate.reason if result.estimate else failed
-    except (BadInput, Failed) as error:
-        failed = str(error)
-    finally:
-        estimate.seconds += watch.seconds
-    return None, 0, f"the run with {what} has none: {failed}"
+    def add_bounds(self, estimate: Estimate, again: Callable[..., Result]) -> None:
+        """Add the bounds that a run with half the cells, in time half the steps, too, measures."""
+        try:
+            coarser, dofs = self._run_coarser(
+                estimate, partial(again, alone=True), "measures the estimate"
+            )
+        except NoEstimate as why:
+            estimate.left_out.append(without_bounds(str(why)))
+            return
+        problem, history = self.setup.problem, self.recorder.history
+        left = left_by_uniform(dofs, problem.dofs, problem.element.degree, problem.kinematics.dim)
+        estimate.goals = with_bounds(estimate.goals, [coarser.goals], left)
+        if history and coarser.history:
+            estimate.curves = curves_of(estimate, self.goals, history, coarser.history)
 
+    def errors_of_coarser(self, again: Callable[..., Result]) -> Estimate:
+        """Return the differences to the corrected goals of a run with half the cells.
 
-def _errors_at(setup: Setup, goals: Sequence[Goal], announce: Announce, fields: bool) -> Estimate:
-    """Return the errors of goals in the present state; see `estimate_errors`. Collective."""
-    scene, problem, wanted = setup.scene, setup.problem, setup.scene.accuracy
-    assert setup.make is not None
-    named = bool(wanted and wanted.goals)
-    locate_all = fields or (is_refined_locally(scene) if scene.within else named)
-    options = EstimateOptions(scene.within or 0.0, scene.stability, locate_all, _max_memory(scene))
-    return estimate_error(problem, setup.make, goals, announce, setup.mesh, options)
+        Their bounds are those of that run, which one with a quarter of the cells measures.
+        """
+        run, history = self.errors(values_alone=True), self.recorder.history
+        try:
+            coarser, _ = self._run_coarser(run, again, "has the errors")
+        except NoEstimate as why:
+            run.reason = str(why)
+            return run
+        goals = {name: goal.known_from(coarser.goals[name]) for name, goal in run.goals.items()}
+        curves = {}
+        if history:
+            for i, name in enumerate(names_of(self.goals)):
+                if curve := coarser.curves.get(name):
+                    values = {load: float(vector[i]) for load, vector in history.values.items()}
+                    curves[name] = curve.seen_from(values)
+        return replace(
+            coarser, goals=goals, indicators={}, seconds=run.seconds, loads=run.loads,
+            duration=self.setup.scene.duration, curves=curves, history=None,
+        )  # fmt: skip
 
+    def _run_coarser(
+        self, estimate: Estimate, again: Callable[..., Result], purpose: str
+    ) -> tuple[Estimate, int]:
+        """Return the errors of a run with half the cells, and its unknowns.
 
-def _max_memory(scene: Scene) -> float:
-    """Return the memory that a better element may have [bytes]."""
-    megabytes = scene.accuracy.max_memory if scene.accuracy and not scene.within else None
-    return inf if megabytes is None else 1e6 * megabytes
+        Its seconds are added to those of ``estimate``.
+
+        Raises
+        ------
+        NoEstimate
+            If there is no coarser mesh, or the run on it has no estimate.
+        """
+        coarser, what = coarser_scene(self.setup.scene.model_copy(update={"error": True}))
+        if coarser is None:
+            raise NoEstimate(what)
+        self.printed.line(f"  a run with {what} {purpose}")
+        watch, failed = Stopwatch(), "the steps fail"
+        try:
+            result = again(coarser)
+            if result.estimate and not result.estimate.reason:
+                return result.estimate, result.problem.dofs
+            failed = result.estimate.reason if result.estimate else failed
+        except (BadInput, Failed) as error:
+            failed = str(error)
+        finally:
+            estimate.seconds += watch.seconds
+        raise NoEstimate(f"the run with {what} has none: {failed}")
