@@ -30,10 +30,8 @@ from fem_snh.runs.folder import Folder
 from fem_snh.runs.scene_options import check_same, identity
 
 Array = npt.NDArray[Any]
-#: Keys of the mesh's arrays; and beginnings of keys of errors in cells and of groups' entities,
-#: which a number follows.
-_CELLS, _NODES, _ERROR, _GROUP = "cells", "x", "error_", "group_"
-_LINEAGE = "parents", "errors_before", "rates_before"
+#: Key of the number of an array in the archive, in a mapping that stands for the array in JSON.
+_NUMBER = "array of the archive"
 
 
 @dataclass(frozen=True)
@@ -92,32 +90,28 @@ def write_levels(
     lineage : Lineage or None
         Where its cells come from, on rank 0.
     """
-    last = levels.rows[-1].estimate.indicators
-    arrays = {f"{_ERROR}{i}": _of_cells(domain, last[name]) for i, name in enumerate(last)}
+    last = levels.rows[-1]
     about = {
         "scene": _identity(scene),
-        "rows": [_row_record(row) for row in levels.rows],
+        "rows": [asdict(_without_indicators(row)) for row in levels.rows],
         "changes": dict(changes),
-        "errors": list(last),
-        "mesh": None,
+        "errors": {n: _of_cells(domain, v) for n, v in last.estimate.indicators.items()},
+        "lineage": lineage,
+        "mesh": gather(mesh) if mesh else None,
+        "round_faces": mesh.round_faces if mesh else None,
     }
-    if lineage:
-        arrays |= dict(zip(_LINEAGE, lineage, strict=True))
-    if mesh:
-        data = gather(mesh)
-        arrays |= {_CELLS: data.cells, _NODES: data.x}
-        arrays |= {f"{_GROUP}{i}": group.entities for i, group in enumerate(data.groups)}
-        about["mesh"] = {
-            "cell": data.cell,
-            "degree": data.degree,
-            "groups": [(group.name, group.dim, group.tag) for group in data.groups],
-            "round_faces": mesh.round_faces,
-        }
+    arrays: list[Array] = []
+
+    def to_json(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value.item()  # a number of numpy
+        arrays.append(value)
+        return {_NUMBER: len(arrays) - 1}
 
     def write() -> None:
-        text = json.dumps(about, default=lambda number: number.item()).encode()
+        text = json.dumps(about, default=to_json).encode()
         archive = BytesIO()
-        np.savez(archive, about=np.frombuffer(text, np.uint8), **arrays)
+        np.savez(archive, *arrays, about=np.frombuffer(text, np.uint8))
         replace_file(folder.path / LEVELS, lambda file: file.write(archive.getbuffer()), sync=True)
 
     on_root(folder.comm, write)
@@ -131,7 +125,7 @@ def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
     BadInput
         On every rank, for a folder with another run, or a file that cannot be read.
     """
-    path, arrays = folder.path / LEVELS, dict[str, Array]()
+    path, kept = folder.path / LEVELS, dict[str, Any]()
 
     def read() -> dict[str, Any] | None:
         if not path.exists():
@@ -144,41 +138,33 @@ def read_levels(folder: Folder, scene: scenes.Scene) -> StoredLevels | None:
             return None
         try:
             with np.load(path, allow_pickle=False) as stored:
-                arrays.update({key: stored[key] for key in stored.files})
-            about: dict[str, Any] = json.loads(arrays.pop("about").tobytes())
-            before = about["scene"]
+                about: dict[str, Any] = json.loads(
+                    stored["about"].tobytes(),
+                    object_hook=lambda d: stored[f"arr_{d[_NUMBER]}"] if _NUMBER in d else d,
+                )
             about["rows"] = [_row(row) for row in about["rows"]]
-            about["errors"] = {n: arrays.pop(f"{_ERROR}{i}") for i, n in enumerate(about["errors"])}
+            kept.update({key: about.pop(key) for key in ("scene", "mesh", "lineage")})
         except Exception as error:  # zipfile, zlib, numpy and json raise different ones
             reason = str(error) or type(error).__name__
             raise BadInput(
                 f"{path} cannot be read ({reason}): start again with --overwrite"
             ) from None
-        check_same(folder.path, before, _identity(scene))
-        return about
+        check_same(folder.path, kept["scene"], _identity(scene))
+        return about | {"has_mesh": kept["mesh"] is not None}
+
+    def make() -> MeshData:
+        data = MeshData(*kept["mesh"])
+        return data._replace(groups=[PhysicalGroup(*group) for group in data.groups])
 
     about = on_root(folder.comm, read)
     if about is None:
         return None
-    mesh = _mesh(folder, about["mesh"], arrays) if about["mesh"] else None
-    known = [arrays[key] for key in _LINEAGE if key in arrays]
-    lineage = Lineage(*known) if known else None
+    mesh, faces = None, about["round_faces"]
+    if about["has_mesh"]:
+        mesh = distribute(folder.comm, str(path), make)
+        mesh = replace(mesh, round_faces=RoundFaces(*faces) if faces else None)
+    lineage = Lineage(*kept["lineage"]) if kept.get("lineage") else None
     return StoredLevels(about["changes"], mesh, lineage, about["rows"], about["errors"])
-
-
-def _mesh(folder: Folder, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> Mesh:
-    """Return the stored mesh, distributed from rank 0. Collective."""
-
-    def make() -> MeshData:
-        groups = [
-            PhysicalGroup(name, dim, tag, arrays[f"{_GROUP}{i}"])
-            for i, (name, dim, tag) in enumerate(about["groups"])
-        ]
-        return MeshData(arrays[_CELLS], arrays[_NODES], about["cell"], about["degree"], groups)
-
-    made = distribute(folder.comm, str(folder.path / LEVELS), make)
-    faces = about["round_faces"]
-    return replace(made, round_faces=RoundFaces(*faces) if faces else None)
 
 
 def _identity(scene: scenes.Scene) -> dict[str, Any]:
@@ -198,13 +184,13 @@ def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
     return np.asarray(gathered[np.argsort(numbers)])
 
 
-def _row_record(row: LevelRow) -> dict[str, Any]:
-    """Return a level's row as values for JSON, without the errors in its cells."""
-    return asdict(replace(row, estimate=replace(row.estimate, indicators={})))
+def _without_indicators(row: LevelRow) -> LevelRow:
+    """Return a level's row without the errors in its cells."""
+    return replace(row, estimate=replace(row.estimate, indicators={}))
 
 
 def _row(record: dict[str, Any]) -> LevelRow:
-    """Return a level's row from the values of `_row_record`."""
+    """Return a level's row from its values."""
     found = record["estimate"]
     places = {n: Place(**p | {"largest": tuple(p["largest"])}) for n, p in found["places"].items()}
     errors = {name: GoalError(**goal) for name, goal in found["goals"].items()}
