@@ -49,9 +49,11 @@ _LITTLE_LOCKING = 500.0
 #: locked elements the ratio is up to 2 (Cook's membrane, degree 1, nu = 0.4999); with a limit of 1
 #: they need an iteration more, and without one `P1` on 2 cells of twist finds no equilibrium.
 _WORSE = 4.0
-#: Memory for each number in the matrices of all cells: 19 to 26 bytes in bodies of 23,000 to
-#: 216,000 unknowns (the peak of `fem-snh run twist` with --error less the peak without).
-_BYTES = 20
+#: Memory for each number in the matrices of all cells, by the dimension. In three: 19 to 26 bytes
+#: in bodies of 23,000 to 216,000 unknowns (the peak of `fem-snh run twist` with --error less the
+#: peak without). In two, with sparse factors: 27 to 30 bytes, and 55 to 73 with an unknown pressure
+#: (the same of cook and stretch, 75,000 to 363,000 unknowns).
+_BYTES = {2: 60, 3: 20}
 
 
 def lifted_elements(problem: Problem) -> Iterator[Element]:
@@ -196,7 +198,8 @@ def lifted_dofs(problem: Problem, element: Element) -> int:
 def memory(problem: Problem, element: Element) -> float:
     """Return about how many bytes the lifted problem needs on all ranks. Collective."""
     nodes = len(_dolfinx.reference_nodes(element.cell, element.degree))
-    return float(_BYTES * problem.num_cells * (element.kinematics.components * nodes) ** 2)
+    numbers = problem.num_cells * (element.kinematics.components * nodes) ** 2
+    return float(_BYTES[problem.kinematics.dim] * numbers)
 
 
 def available_memory(comm: Any) -> float:
