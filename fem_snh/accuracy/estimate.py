@@ -36,7 +36,7 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.penalties import has_penalties, penalty_errors
+from fem_snh.accuracy.penalties import penalty_errors
 from fem_snh.assembly.elements import Element
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
@@ -51,8 +51,6 @@ Array = npt.NDArray[np.float64]
 #: Goals are relative to the largest component of their vector that was asked for, or to this part
 #: of the largest displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
-#: The relative error that matters, of which 2 % may be unsettled, where none is asked for.
-_MATTERS = 5e-3
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,8 @@ class EstimateOptions:
 
     Attributes
     ----------
-    asked : float
-        The relative error that is asked for; 0: none.
+    matters : float
+        The relative error that matters, of which 2 % may be unsettled: what is asked for, if it is.
     stability : bool
         Whether the stability of the lifted equilibrium is examined whatever it costs.
     locate_all : bool
@@ -76,17 +74,12 @@ class EstimateOptions:
         Called with the cost, before the errors are estimated.
     """
 
-    asked: float = 0.0
+    matters: float = 5e-3
     stability: bool = False
     locate_all: bool = True
     max_memory: float = inf
     mesh: Mesh | None = None
     announce: Callable[[Estimate], None] = lambda estimate: None
-
-    @property
-    def matters(self) -> float:
-        """The relative error that matters."""
-        return self.asked or _MATTERS
 
 
 def estimate_error(
@@ -116,9 +109,7 @@ def estimate_error(
         announce_cost(problem, used, estimate, options)
         created_in = partial(create_in, problem=problem, make=make)
         element, lifted = first_that_fits(elements, created_in)
-        estimate.element, penalty = element.name, {}
-        if has_penalties(problem):
-            penalty["penalty"] = penalty_errors(problem, goals, estimate)
+        estimate.element, of_penalties = element.name, penalty_errors(problem, goals, estimate)
         with closing(Lift(problem, lifted)) as lift:
             values, unsettled = lift.differences(goals, estimate, options.matters)
             if lift.may_be_unstable(options.stability):
@@ -134,7 +125,9 @@ def estimate_error(
             factor = saturation(lifted, lifted.split(lifted.x)[0])
             of_mesh, factor = with_missed(problem, element, factor, values, in_middle)
             estimate.saturation = factor
-            parts = {"mesh": (of_mesh, MISSED * np.abs(of_mesh)), **penalty}
+            parts = {"mesh": (of_mesh, MISSED * np.abs(of_mesh))}
+            if of_penalties:
+                parts["penalty"] = of_penalties
             parts["algebra"] = np.zeros(len(values)), factor * unsettled
             set_parts(estimate, goals, parts)
             _set_least(lift, goals, estimate)
@@ -305,16 +298,14 @@ def _add_narrow_contacts(problem: Problem, estimate: Estimate) -> None:
 
 def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:
     """Return the goals of a problem at its solution by name. Collective."""
-    errors: dict[str, GoalError] = {}
-    vectors, at_rest = [goal.bind(problem)() for goal in goals], is_at_rest(problem)
-    for goal, vector in zip(goals, vectors, strict=True):
-        unit = goal.unit(problem)
-        asked = [v for n, v in zip(goal.names, vector, strict=True) if n not in goal.unasked]
-        scale = max(*map(abs, asked), _LEAST_SCALE * unit)
+    errors, at_rest = dict[str, GoalError](), is_at_rest(problem)
+    for goal in goals:
+        values, unit = dict(zip(goal.names, goal.bind(problem)(), strict=True)), goal.unit(problem)
+        scale = max(*(abs(values[name]) for name in goal.asked), _LEAST_SCALE * unit)
         if at_rest and (unit > 0 or goal.kind == "energy"):
             scale = inf  # a multiple of rounding has no relative error
-        for name, value in zip(goal.names, vector, strict=True):
-            errors[name] = GoalError(value, None, scale, asked=name not in goal.unasked)
+        for name, value in values.items():
+            errors[name] = GoalError(value, None, scale, asked=name in goal.asked)
     return errors
 
 

@@ -29,19 +29,12 @@ STIFFER = 4.0
 _MOST_TIMES = 8
 
 
-def has_penalties(problem: Problem) -> bool:
-    """Return whether the problem has penalties, a barrier among them. Collective."""
-    changes = problem.scale_penalties(STIFFER)
-    problem.scale_penalties(1 / STIFFER)
-    return changes
-
-
 def penalty_errors(
     problem: Problem, goals: Sequence[Goal], estimate: Estimate
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array] | None:
     """Return what goals would change by without penalties, and what that may miss. Collective.
 
-    The problem and its state are unchanged.
+    None if there are no penalties, nor a barrier. The problem and its state are unchanged.
 
     Parameters
     ----------
@@ -50,14 +43,17 @@ def penalty_errors(
     goals : sequence of Goal
         The goals.
     estimate : Estimate
-        Has what their errors are relative to, and counts the iterations.
+        Has their values and what their errors are relative to, and counts the iterations.
 
     Raises
     ------
     NoEstimate
         If no equilibrium with a larger stiffness is found.
     """
-    evaluate, present, start = bind_all(goals, problem), 1.0, problem.x.copy()
+    present, values = STIFFER, estimate.values(goals)
+    if not problem.scale_penalties(present):
+        return None
+    evaluate, start = bind_all(goals, problem), problem.x.copy()
     snes, outcome = solver.create(problem, prefix=PREFIX), solver.StepOutcome()
 
     def stiffened(factor: float) -> Array:
@@ -75,7 +71,6 @@ def penalty_errors(
         return evaluate()
 
     try:
-        values = evaluate()
         # What the run's tolerance left is no part of what penalties change.
         snes.getPythonContext().force_iteration = True
         with suppress(NoEstimate):

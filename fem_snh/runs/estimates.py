@@ -123,7 +123,7 @@ class _FinishedRun:
             max_memory = 1e6 * wanted.max_memory
         local = is_refined_locally(scene) if scene.within else bool(wanted and wanted.goals)
         return EstimateOptions(
-            asked=scene.within or 0.0,
+            matters=scene.within or EstimateOptions.matters,
             stability=scene.stability,
             locate_all=local or self.recorder.writes_fields,
             max_memory=max_memory,
