@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+import psutil
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.goal_errors import NoEstimateOnAnyMesh
@@ -160,10 +161,11 @@ def _pressure(problem: Problem, lifted: Problem) -> np.ndarray:
     """Return nodal pressures [Pa] of the lifted space at the problem's state. Collective.
 
     They interpolate the run's nodal pressures. Without any, the pressure of a cell is the bulk
-    stiffness times its mean change of volume, that of a vertex the mean over its cells.
+    stiffness times its mean change of volume; the pressure of a vertex is the mean over its cells.
     """
-    assert lifted.saddle_point is not None
-    target = _dolfinx.function(lifted.saddle_point.Q, "pressure")
+    saddle_point, domain = lifted.saddle_point, problem.domain
+    assert saddle_point is not None
+    target = _dolfinx.function(saddle_point.Q, "pressure")
     if problem.saddle_point is not None:
         source = _dolfinx.function(problem.saddle_point.Q, "pressure")
         source.x.array[:] = problem.saddle_point.pressure()
@@ -173,12 +175,10 @@ def _pressure(problem: Problem, lifted: Problem) -> np.ndarray:
         pressures = fields["deformed_volume"] / volumes - 1
         for part in lifted.elastic.parts:
             pressures[part.region.cells] *= part.loops.constants.volume_stiffness
-        if lifted.saddle_point.cell_pressures:
-            target.x.array[_dolfinx.node_dofs(target.function_space)[:, 0]] = pressures
-            return np.asarray(target.x.array)
-        source = _dolfinx.function(_dolfinx.function_space(problem.domain, 1), "pressure")
+        Q = saddle_point.Q if saddle_point.cell_pressures else _dolfinx.function_space(domain, 1)
+        source = _dolfinx.function(Q, "pressure")
         sums, weights = (
-            summed_over_cells(source.function_space, cells[:, None, None]).ravel()
+            summed_over_cells(Q, cells[:, None, None]).ravel()
             for cells in (volumes * pressures, volumes)
         )
         np.divide(sums, weights, out=source.x.array, where=weights > 0)
@@ -204,14 +204,5 @@ def memory(problem: Problem, element: Element) -> float:
 
 def available_memory(comm: Any) -> float:
     """Return the memory that is available to the ranks on all machines [bytes]. Collective."""
-    return float(sum(dict(comm.allgather((os.uname().nodename, _available_here()))).values()))
-
-
-def _available_here() -> float:
-    """Return the memory that is available on this machine [bytes]; infinity if it is unknown."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as lines:
-            rows = dict(line.split(":") for line in lines)
-        return float(rows["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):
-        return float("inf")
+    here = os.uname().nodename, psutil.virtual_memory().available
+    return float(sum(dict(comm.allgather(here)).values()))
