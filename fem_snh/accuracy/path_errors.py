@@ -226,8 +226,7 @@ class _Repetitions:
     @property
     def _parts(self) -> list[tuple[slice, At]]:
         """The scalars of each goal, and where it is evaluated."""
-        places = map(self.at.get, self.goals)
-        return list(zip(slices_of(self.goals), places, strict=True))
+        return list(zip(slices_of(self.goals), map(self.at.get, self.goals), strict=True))
 
     def _follow(
         self, steps: int, element: Element | None = None, stiffer: float = 1.0
@@ -268,12 +267,8 @@ class _Repetitions:
         NoEstimate
             If there are none.
         """
-        steps, run, estimate, terms = (
-            self.estimate.again,
-            self.run,
-            self.estimate,
-            self.problem.terms,
-        )
+        run, estimate = self.run, self.estimate
+        steps, terms, motion = estimate.again, self.problem.terms, self.problem.motion
         self.set_values()
         followed = self._follow(steps)
         ratio = run.taken / followed.taken  # below 1 where the run has one step
@@ -282,8 +277,7 @@ class _Repetitions:
                 f"with half the steps some failed and were halved: {followed.taken} steps beside "
                 f"the run's {run.taken} are no comparison"
             )
-        paths, motion = [followed, run], self.problem.motion
-        fewer = ceil(steps / 2)
+        paths, fewer = [followed, run], ceil(steps / 2)
         if fewer >= HALVES and 2 * fewer == steps:
             quarter = self._follow(fewer)
             if 2 * quarter.taken == followed.taken:  # none failed

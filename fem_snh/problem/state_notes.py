@@ -51,9 +51,8 @@ def state_notes(problem: Problem, rounding: float, step: int | None = None) -> l
 def program_notes(problem: Problem, negative: int | None, rounding: float) -> list[Note]:
     """Return the notes on a program's state, of whose Hessian eigenvalues may be ``negative``."""
     unstable = instability_note({0: negative or 0}, problem)
-    contradictions = problem.dirichlet.contradictions()
-    found = [*state_notes(problem, rounding), *([unstable] if unstable else [])]
-    return [*found, *(Note("load", text) for text in contradictions)]
+    contradictions = [Note("load", text) for text in problem.dirichlet.contradictions()]
+    return [*state_notes(problem, rounding), *filter(None, [unstable]), *contradictions]
 
 
 def untreated_volume_note(problem: Problem) -> Note | None:
