@@ -129,17 +129,20 @@ class Lift:
         values, scales = estimate.values(goals), estimate.scales(goals)
         found = np.zeros(len(values))
         while not settled:
-            reduction = self._iterate()
+            outcome = self._iterate()
             before, found = found, evaluate() - values
             if not np.isfinite(found).all():
                 name = self.lifted.element.name
                 raise NoEstimate(f"a goal is not finite in the state of {name}")
-            if reduction is None:
-                unsettled = self._part_of_rounding * np.where(np.isfinite(scales), scales, 0.0)
+            if not outcome.newton:
+                forces = self.problem.largest_force(self.problem.x)
+                resolved = forces and not is_at_rest(self.problem)
+                part = outcome.residual / forces if resolved else 0.0  # of a solution, about
+                unsettled = part * np.where(np.isfinite(scales), scales, 0.0)
                 if self.newton == 0:  # the run's state is a solution
                     unsettled = np.maximum(np.abs(found), unsettled)
                 break
-            rate = max(reduction, _RTOL)
+            rate = max(outcome.residual / outcome.history[0].residual, _RTOL)
             further = _CONTRACTION * rate / (1 - rate)
             unsettled = further * _sizes(goals, found - before)
             limits = SETTLED * np.maximum(np.abs(found), asked * scales)
@@ -148,13 +151,10 @@ class Lift:
             raise self._unstable("negative curvature")
         return found, unsettled
 
-    def _iterate(self) -> float | None:
+    def _iterate(self) -> solver.StepOutcome:
         """Make a Newton iteration, or several until the residual decreases. Collective.
 
-        Returns
-        -------
-        float or None
-            The residual over that before; None if it was zero to all digits.
+        It makes no iteration where the residual is zero to all digits.
 
         Raises
         ------
@@ -178,14 +178,7 @@ class Lift:
                 f"no equilibrium of {self.lifted.element.name} was found near the run's "
                 f"({outcome.reason} after {self.newton} Newton iterations){unstable}"
             )
-        self._residual = outcome.residual
-        return outcome.residual / outcome.history[0].residual if outcome.newton else None
-
-    @property
-    def _part_of_rounding(self) -> float:
-        """What is left of the residual, over the forces: about the part of a solution."""
-        forces = self.problem.largest_force(self.problem.x)
-        return self._residual / forces if forces and not is_at_rest(self.problem) else 0.0
+        return outcome
 
     @property
     def _is_stable(self) -> bool:

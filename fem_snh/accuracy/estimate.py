@@ -131,12 +131,12 @@ def estimate_error(
             parts["algebra"] = np.zeros(len(values)), factor * unsettled
             set_parts(estimate, goals, parts)
             _set_least(lift, goals, estimate)
-            factors = np.full(len(values), estimate.saturation)
-            np.divide(of_mesh, values, out=factors, where=of_mesh * values > 0)
-            of_goals = dict(zip(names_of(goals), factors, strict=True))
-            chosen = _located(estimate, options)
-            for name, in_cells in cell_indicators(lift, goals, chosen).items():
-                estimate.indicators[name] = of_goals[name] * in_cells
+            differences = dict(zip(names_of(goals), values, strict=True))
+            for name, in_cells in cell_indicators(lift, goals, _located(estimate, options)).items():
+                # They sum to the difference; the error may be another multiple of it.
+                error, difference = estimate.goals[name].of_mesh, differences[name]
+                ratio = error / difference if error * difference > 0 else factor
+                estimate.indicators[name] = ratio * in_cells
                 if where := place(problem, estimate.indicators[name], options.mesh):
                     estimate.places[name] = where
             estimate.newton += lift.newton

@@ -304,14 +304,8 @@ def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
         f"points at which contact acts: {depth:.3g} m at ({where}) at load {row['load']:.6g}, the "
         f"points {seen:.3g} m; a force is missing there: refine the mesh, or round the corner"
     )
-    values = {
-        "name": name,
-        "deepest": depth,
-        "penetration": seen,
-        "position": position,
-        "steps": list(unseen),
-    }
-    return Note("penetration", text, step, values)
+    values = {"name": name, "deepest": depth, "penetration": seen, "position": position}
+    return Note("penetration", text, step, values | {"steps": list(unseen)})
 
 
 #: Displacements below this part of the body's length are rounding where nothing acts: those of a

@@ -195,6 +195,17 @@ def test_a_material_without_a_lifted_element_has_no_estimate():
     assert all(goal["error"] is None for goal in result.goals.values())
 
 
+def test_bad_input_that_no_element_causes_is_no_reason(monkeypatch):
+    """Only elements that do not fit, and NoEstimate, leave a run without an estimate."""
+
+    def fail(*_):
+        raise BadInput("of another cause")
+
+    monkeypatch.setattr("fem_snh.accuracy.estimate.penalty_errors", fail)
+    with pytest.raises(BadInput, match="of another cause"):
+        solve(sheared())
+
+
 def estimate(scene, goals, **keys):
     """The estimate of a scene's goals, with its indicators."""
     return solve(scene, **{"accuracy.goals": goals}, **keys).estimate
