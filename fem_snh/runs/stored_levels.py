@@ -172,8 +172,8 @@ def _identity(scene: scenes.Scene) -> dict[str, Any]:
     wanted = scene.accuracy
     assert wanted
     goals = [g.name if g.at is None else f"{g.name} at {g.at}" for g in wanted.goals]
-    keys = {"keep_element": wanted.keep_element, "goals": goals}
-    return identity(scene) | {f"accuracy.{key}": value for key, value in keys.items()}
+    asked = {"accuracy.keep_element": wanted.keep_element, "accuracy.goals": goals}
+    return identity(scene) | asked
 
 
 def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
