@@ -47,6 +47,10 @@ class Failed(RuntimeError):
     """
 
 
+class OutOfTime(RuntimeError):
+    """A level of a run to an accuracy took much longer than was expected."""
+
+
 class NotSettled(RuntimeError):
     """A step failed although no solve did, for example by alternating lagged quantities."""
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from math import log
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -72,6 +73,8 @@ class Lift:
         The problem at its solution.
     lifted : Problem
         The same with the lifted element, from `fem_snh.accuracy.lift.create_in`.
+    update : tuple, optional
+        Arguments of ``snes.setUpdate``.
 
     Attributes
     ----------
@@ -86,7 +89,7 @@ class Lift:
         If the lifted problem cannot start from this state.
     """
 
-    def __init__(self, problem: Problem, lifted: Problem) -> None:
+    def __init__(self, problem: Problem, lifted: Problem, update: Any = None) -> None:
         self.problem, self.lifted = problem, lifted
         self.newton = self.linear = 0
         self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
@@ -99,6 +102,8 @@ class Lift:
             ) from None
         # Each solve is one Newton iteration, which does not end at an equilibrium.
         self._snes = solver.create(lifted, prefix=PREFIX, examine_stability=False)
+        if update:
+            self._snes.setUpdate(*update)
         #: The Hessian of the last Newton iteration.
         self._last_filter = ""
         #: Whether the solver has the exact Hessian, with its preconditioner.
@@ -146,7 +151,7 @@ class Lift:
             further = _CONTRACTION * rate / (1 - rate)
             unsettled = further * _sizes(goals, found - before)
             limits = SETTLED * np.maximum(np.abs(found), asked * scales)
-            settled = self._is_stable and bool((unsettled <= limits).all())
+            settled = bool((unsettled <= limits).all())
         if not self._is_stable:
             raise self._unstable("negative curvature")
         return found, unsettled

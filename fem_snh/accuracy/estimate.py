@@ -7,6 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
+from typing import Any
 
 from mpi4py import MPI
 
@@ -32,12 +33,12 @@ from fem_snh.accuracy.lift import (
     create_in,
     element_of_factor,
     first_that_fits,
-    lifted_dofs,
     lifted_elements,
     memory,
 )
 from fem_snh.accuracy.penalties import penalty_errors
 from fem_snh.assembly.elements import Element
+from fem_snh.assembly.unknowns import num_unknowns
 from fem_snh.cache import Stopwatch
 from fem_snh.contact.obstacle_contact import ObstacleContact
 from fem_snh.errors import in_words
@@ -72,6 +73,9 @@ class EstimateOptions:
         The mesh of a scene, whose groups describe where the error is.
     announce : callable
         Called with the cost, before the errors are estimated.
+    update : tuple or None
+        That of ``snes.setUpdate``: a function that is called before each iteration, and its
+        arguments and keywords.
     """
 
     matters: float = 5e-3
@@ -80,6 +84,7 @@ class EstimateOptions:
     max_memory: float = inf
     mesh: Mesh | None = None
     announce: Callable[[Estimate], None] = lambda estimate: None
+    update: tuple[Callable[..., None], Any, Any] | None = None
 
 
 def estimate_error(
@@ -110,7 +115,7 @@ def estimate_error(
         created_in = partial(create_in, problem=problem, make=make)
         element, lifted = first_that_fits(elements, created_in)
         estimate.element, of_penalties = element.name, penalty_errors(problem, goals, estimate)
-        with closing(Lift(problem, lifted)) as lift:
+        with closing(Lift(problem, lifted, options.update)) as lift:
             values, unsettled = lift.differences(goals, estimate, options.matters)
             if lift.may_be_unstable(options.stability):
                 estimate.left_out.append(
@@ -119,7 +124,7 @@ def estimate_error(
                 )
 
             def in_middle(middle: Element) -> Array:
-                with closing(Lift(problem, created_in(middle))) as other:
+                with closing(Lift(problem, created_in(middle), options.update)) as other:
                     return other.differences(goals, estimate, options.matters)[0]
 
             factor = saturation(lifted, lifted.split(lifted.x)[0])
@@ -270,7 +275,7 @@ def announce_cost(
         If they need more than is allowed or available.
     """
     used = [element for element in elements if element not in (None, problem.element)]
-    estimate.element, estimate.dofs = used[0].name, lifted_dofs(problem, used[0])
+    estimate.element, estimate.dofs = used[0].name, num_unknowns(problem.domain, used[0])
     estimate.memory = sum(memory(problem, element) for element in used)
     options.announce(estimate)
     available, most = available_memory(problem.comm), options.max_memory

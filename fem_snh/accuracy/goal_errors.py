@@ -288,7 +288,10 @@ def _share(part: float) -> str:
 
 
 def with_bounds(
-    goals: Mapping[str, GoalError], coarser: Sequence[Mapping[str, GoalError]], left: float
+    goals: Mapping[str, GoalError],
+    coarser: Sequence[Mapping[str, GoalError]],
+    left: float,
+    unmeasured: float = 0.0,
 ) -> dict[str, GoalError]:
     """Return goals with the bounds that they and the same on coarser levels measure.
 
@@ -304,6 +307,9 @@ def with_bounds(
         The part of the last one's error of the mesh that smooth solutions would leave, with the
         order 2p. An estimate below it is small by chance; with one effectivity only the order p is
         believed.
+    unmeasured : float, optional
+        The errors over the scales, of the level before, in cells about which the effectivity says
+        nothing.
     """
     found = dict(goals)
     for vector in dict.fromkeys(map(vector_of, goals)):
@@ -324,7 +330,8 @@ def with_bounds(
         for name, goal, before, bound in zip(names, known[-1], known[-2], bounds, strict=True):
             others = goal.all_missed - goal.missed.get("mesh", 0.0)
             goal = replace(goal, theta=theta, factor=factor, confirmed=confirmed)
-            found[name] = _bounded(goal, max(float(bound), goal.least) + others, before)
+            bound = max(float(bound), goal.least) + others + unmeasured * goal.scale
+            found[name] = _bounded(goal, bound, before)
     return found
 
 

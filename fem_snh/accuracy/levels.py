@@ -40,6 +40,8 @@ _AIM = 0.7
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: within a load step friction acts along a chord.
 _STEPS = {TIME_STEPS: 2.0, LOAD_STEPS: 1.0}
+#: A level that was expected to end in ``max_time`` may last until so many times that.
+_OVERRUN = 2.0
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
 
@@ -186,14 +188,16 @@ class Levels:
             row.goals = known
         self.rows.append(row)
 
-    def measure(self, row: LevelRow, estimate: Estimate) -> None:
+    def measure(self, row: LevelRow, estimate: Estimate, unmeasured: float = 0.0) -> None:
         """Add to an estimate the bounds that it and the levels so far, on larger cells, measure.
 
-        `add` is to follow.
+        ``unmeasured`` is that of `fem_snh.accuracy.refinement`, over the request. `add` is to
+        follow.
         """
         coarser = [before for before in self.rows if before.dofs < row.dofs]
         goals = [before.goals for before in coarser]
-        estimate.goals = with_bounds(estimate.goals, goals, self._left_by(row, coarser))
+        left, missed = self._left_by(row, coarser), self.asked * unmeasured
+        estimate.goals = with_bounds(estimate.goals, goals, left, missed)
         if not self.named:
             estimate.goals = with_scales_of_forces(estimate.goals)
 
@@ -355,17 +359,14 @@ class Levels:
     ) -> Forecast:
         """Return what a level with cells and steps so many times smaller will cost.
 
-        With ``dofs`` it has the same cells, and an element of a higher degree; ``cells`` is their
-        number if it is known.
+        ``dofs`` and ``cells`` are their numbers if its mesh is known.
         """
         last, power = self.rows[-1], float(self.dim)
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = max(1.0, dofs / last.dofs) if dofs else refinement**power
-        growth = cells / last.cells if cells else growth
         seconds = last.seconds * growth**_TIME_POWER * shorter
-        cells = last.cells if dofs else round(last.cells * growth)
-        dofs = dofs or round(last.dofs * growth)
+        cells, dofs = cells or round(last.cells * growth), dofs or round(last.dofs * growth)
         steps = f"{ceil(last.steps * shorter):,} {last.kind} steps" if last.steps else ""
         return Forecast(cells, dofs, seconds, last.estimate.memory * growth, steps)
 
@@ -392,14 +393,28 @@ class Levels:
             reason = f"{available / 1e6:.2g} MB are available"
         return reason and f"{reason}: the next level has {forecast}"
 
+    def overrun(self, elapsed: float) -> str:
+        """Return why a level is not finished, from the seconds so far; empty if it may be."""
+        limit = self._limits.get("max_time", inf)
+        over = elapsed > _OVERRUN * limit
+        return f"max_time = {limit:g} s, of which {elapsed:.3g} s have passed" if over else ""
+
     def cell_weights(self, cells: int, of_all: bool = False) -> Array:
         """Return the errors of cells over the request, of goals not within it, or ``of_all``."""
-        row, weights = self.rows[-1], np.zeros(cells)
-        for name, goal in self.asked_goals.items():
-            wanted = of_all or not goal.within <= self.asked
-            if wanted and name in row.estimate.indicators and goal.scale > 0:
-                weights += np.abs(row.estimate.indicators[name]) / (self.asked * goal.scale)
-        return weights
+        known = self.asked_goals.items()
+        goals = {name: goal for name, goal in known if of_all or not goal.within <= self.asked}
+        return self.weighted(self.rows[-1].estimate, goals, cells)[0]
+
+    def weighted(
+        self, estimate: Estimate, goals: Mapping[str, GoalError], cells: int
+    ) -> tuple[Array, float]:
+        """Return the sums of errors over the request: the sizes in cells (cells,), and in all."""
+        weights, total = np.zeros(cells), 0.0
+        for name, goal in goals.items():
+            if name in estimate.indicators and goal.scale > 0:
+                weights += np.abs(estimate.indicators[name]) / (self.asked * goal.scale)
+                total += abs(goal.of_mesh) / (self.asked * goal.scale)
+        return weights, total
 
     def lines(self) -> list[str]:
         """Return the rows of the last level to print: a head, and a line for each goal."""

@@ -186,15 +186,6 @@ def _pressure(problem: Problem, lifted: Problem) -> np.ndarray:
     return np.asarray(target.x.array)
 
 
-def lifted_dofs(problem: Problem, element: Element) -> int:
-    """Return the number of unknowns of the lifted problem. Collective."""
-    displacements, pressures = (
-        _dolfinx.num_nodes_of_degree(problem.domain, degree)
-        for degree in (element.degree, element.pressure_degree)
-    )
-    return element.kinematics.components * displacements + element.has_pressure * pressures
-
-
 def memory(problem: Problem, element: Element) -> float:
     """Return about how many bytes the lifted problem needs on all ranks. Collective."""
     nodes = len(_dolfinx.reference_nodes(element.cell, element.degree))

@@ -23,6 +23,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.effectivity import MISSED
+
 Array = npt.NDArray[np.float64]
 
 #: Cells that a bisection of those at a vertex adds, where sizes grow by a = 0.35 of the distance
@@ -85,6 +87,28 @@ def left_by_parts(lineage: Lineage, degree: int, dim: int) -> float:
 def left_by_uniform(before: int, dofs: int, degree: int, dim: int) -> float:
     """Return the same of cells of one size, from the unknowns of both meshes."""
     return float(min(before / dofs, 1.0) ** (2.0 * degree / dim))
+
+
+def unmeasured(errors: Array, lineage: Lineage) -> float:
+    """Return the errors on the mesh before of what an effectivity says nothing about.
+
+    The cells with the largest errors have half of their sum. The change between the two meshes was
+    elsewhere if less than half of their share of it, a quarter, was there: then it is what the mesh
+    before had there; else 0.
+
+    Parameters
+    ----------
+    errors : (cells,) array
+        The sizes of the errors of the cells.
+    lineage : Lineage
+        Where the cells come from.
+    """
+    order = np.argsort(errors)[::-1]
+    half = int(np.searchsorted(np.cumsum(errors[order]), errors.sum() / 2)) + 1
+    there = np.isin(np.arange(len(lineage.errors)), lineage.parents[order[:half]])
+    before, after = lineage.errors[there].sum(), errors[there[lineage.parents]].sum()
+    change = lineage.errors.sum() - errors.sum()
+    return float(before) if before - after < MISSED**2 * change else 0.0
 
 
 def target_volumes(

@@ -26,6 +26,15 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 _VOLUME_WEIGHT = 3.0
 
 
+def num_unknowns(domain: _dolfinx.Mesh, element: Element) -> int:
+    """Return the number of displacements and pressures of an element on a mesh. Collective."""
+    displacements, pressures = (
+        _dolfinx.num_nodes_of_degree(domain, degree)
+        for degree in (element.degree, element.pressure_degree)
+    )
+    return element.kinematics.components * displacements + element.has_pressure * pressures
+
+
 class Displacement:
     """The displacement is the only unknown: ``x`` is the ghosted vector of the function ``u``.
 

@@ -32,8 +32,9 @@ _MAX_ROUNDS = 60
 _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 #: Volume of a regular simplex with edges of length 1, by its dimension.
 _REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
-#: The largest change of cell size per distance: neighbours differ by about a third.
-_GRADIENT = 0.35
+#: The largest change of cell size per distance: neighbours differ by about a third; and that of
+#: sizes over the present ones along an edge, with which bisected cells are about as gradual.
+_GRADIENT, _RISE = 0.35, 0.25
 #: Edges of gmsh's cells over the requested size, by dimension.
 _LONGER = {2: 1.0, 3: 1.2}
 
@@ -120,7 +121,7 @@ def bisect(data: MeshData, sizes: Array, max_cells: int) -> tuple[MeshData, Arra
         found, places = _marked_edges(cells, x, marked)
         owner, edge = np.divmod(places, len(pairs))
         ends = barycentric[owner[:, None], pairs[edge]]
-        x = np.concatenate([x, _points(data, roots[owner], ends.mean(axis=1))])
+        x = np.concatenate([x, _points(data, roots[owner], ends.mean(axis=1)[:, 1:])])
         cells, parents, barycentric = split(cells, found, barycentric)
         roots = roots[parents]
         parts = {i: split(simplices, found)[0] for i, simplices in parts.items()}
@@ -135,7 +136,7 @@ def bisect(data: MeshData, sizes: Array, max_cells: int) -> tuple[MeshData, Arra
             entities = parts.get(i, np.searchsorted(vertices, group.entities))
         groups.append(group._replace(entities=entities))
     if data.degree == 2:
-        cells, x = _with_midpoints(data, cells, x, roots, barycentric)
+        cells, x = with_midpoints(data, data.cell, cells, x, roots, barycentric[..., 1:])
     return data._replace(cells=cells, x=x, groups=groups), roots
 
 
@@ -204,21 +205,33 @@ def split(
     return simplices, origins, attached
 
 
-def _points(data: MeshData, roots: Array, barycentric: Array) -> Array:
-    """Return points (n, dim) of original cells ``roots`` (n,) from barycentric coordinates."""
-    basis = _dolfinx.tabulate_element(data.cell, data.degree, barycentric[:, 1:], 0)[0]
+def _points(data: MeshData, roots: Array, reference: Array) -> Array:
+    """Return points (n, dim) of original cells ``roots`` (n,) from reference coordinates."""
+    basis = _dolfinx.tabulate_element(data.cell, data.degree, reference, 0)[0]
     return np.asarray(np.einsum("pk,pki->pi", basis, data.x[data.cells[roots]]))
 
 
-def _with_midpoints(
-    data: MeshData, cells: Array, x: Array, roots: Array, barycentric: Array
+def with_midpoints(
+    data: MeshData, cell: str, cells: Array, x: Array, roots: Array, reference: Array
 ) -> tuple[Array, Array]:
-    """Return cells of degree 2 and node coordinates: midpoints are on the original curved cells."""
-    edges = _dolfinx.reference_edges(data.cell)
+    """Return simplices of degree 2, whose midpoints are on original curved cells, and their nodes.
+
+    Parameters
+    ----------
+    data : MeshData
+        The original mesh.
+    cell : {"triangle", "tetrahedron"}
+        What the simplices are.
+    cells, x : (n, corners), (vertices, dim) array
+        The simplices, and the coordinates of their vertices.
+    roots, reference : (n,), (n, corners, dim) array
+        The original cell of which each is a part, and the reference coordinates there.
+    """
+    edges = _dolfinx.reference_edges(cell)
     keys = edge_keys(cells[:, edges])
     _, first, numbers = np.unique(keys, return_index=True, return_inverse=True)
     owner, edge = np.divmod(first, len(edges))
-    middle = barycentric[owner[:, None], edges[edge]].mean(axis=1)
+    middle = reference[owner[:, None], edges[edge]].mean(axis=1)
     nodes = np.concatenate([x, _points(data, roots[owner], middle)])
     return np.concatenate([cells, len(x) + numbers.reshape(keys.shape)], axis=1), nodes
 
@@ -238,23 +251,34 @@ class VertexSizes:
         used, corners = np.unique(cells, return_inverse=True)
         self._corners, self._x = corners.reshape(cells.shape), x[used]
         self._ends, self._dim = self._corners.ravel(), x.shape[1]
+        pairs = self._corners[:, simplex_edges(self._dim + 1)].reshape(-1, 2)
+        self._edges = np.unique(np.sort(pairs, axis=1), axis=0)
         self._own = simplex_volumes(self._x[self._corners])
         self._around = np.bincount(self._ends)
 
-    def of(self, volumes: Array) -> Array:
-        """Return the geometric means, at each vertex, of sizes of wanted volumes (cells,) [m^d]."""
-        wanted = np.log(edge_lengths(volumes, self._dim))
-        sums = np.bincount(self._ends, np.repeat(wanted, self._dim + 1))
+    def expected(self, volumes: Array) -> float:
+        """Return the number of cells that are to have wanted volumes (cells,) [m^d]."""
+        means = self._changes(volumes)[self._corners].mean(axis=1)
+        return float((means**-self._dim).sum())
+
+    def at_corners(self, volumes: Array) -> Array:
+        """Return the sizes of `bisect`, from wanted volumes (cells,) [m^d].
+
+        From a vertex around which cells are to become smaller on, sizes over those of the cells
+        grow by ``_RISE`` along an edge, however thin the cells are.
+        """
+        rise = np.full(len(self._edges), _RISE)
+        changes = _graded(self._changes(volumes), self._edges, rise)[self._corners]
+        return np.asarray(edge_lengths(self._own, self._dim)[:, None] * changes)
+
+    def _changes(self, volumes: Array) -> Array:
+        """Return by which factors sizes at vertices change with wanted volumes (cells,)."""
+        return self._means((volumes / self._own) ** (1 / self._dim))
+
+    def _means(self, sizes: Array) -> Array:
+        """Return the geometric means, at each vertex, of the sizes (cells,) of cells around it."""
+        sums = np.bincount(self._ends, np.repeat(np.log(sizes), self._dim + 1))
         return np.exp(sums / self._around)
-
-    def expected(self, sizes: Array) -> float:
-        """Return the number of cells with sizes (vertices,)."""
-        means = sizes[self._corners].mean(axis=1)
-        return float((self._own / (_REGULAR[self._dim] * means**self._dim)).sum())
-
-    def at_corners(self, sizes: Array) -> Array:
-        """Return sizes at the corners of each cell, whose changes are limited (``_GRADIENT``)."""
-        return np.asarray(_graded(sizes, self._corners, self._x)[self._corners])
 
     def field(self, volumes: Array) -> SizeField:
         """Return the size field with which a new mesh has about the wanted volumes (cells,).
@@ -262,19 +286,21 @@ class VertexSizes:
         The limited change of sizes makes cells smaller: all are then multiplied by one factor, so
         that the expected number of cells is the same.
         """
-        wanted = self.of(volumes)
-        sizes, dim = _graded(wanted, self._corners, self._x), self._dim
-        sizes = sizes * (self.expected(sizes) / self.expected(wanted)) ** (1 / dim) / _LONGER[dim]
+        wanted = self._means(edge_lengths(volumes, self._dim))
+        lengths = np.linalg.norm(np.diff(self._x[self._edges], axis=1)[:, 0], axis=1)
+        sizes, dim = _graded(wanted, self._edges, _GRADIENT * lengths), self._dim
+        counts = (
+            (self._own / of_vertices[self._corners].mean(axis=1) ** dim).sum()
+            for of_vertices in (sizes, wanted)
+        )
+        sizes *= (next(counts) / next(counts)) ** (1 / dim) / _LONGER[dim]
         points = np.zeros((len(self._x), 3))
         points[:, :dim] = self._x
         return SizeField(points[self._corners], sizes[self._corners])
 
 
-def _graded(sizes: Array, cells: Array, x: Array) -> Array:
-    """Return the largest sizes <= ``sizes`` whose change along edges ``_GRADIENT`` limits."""
-    pairs = simplex_edges(cells.shape[1])
-    edges = np.unique(np.sort(cells[:, pairs].reshape(-1, 2), axis=1), axis=0)
-    rise = _GRADIENT * np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)
+def _graded(sizes: Array, edges: Array, rise: Array) -> Array:
+    """Return the largest values <= ``sizes`` that grow along edges by at most ``rise``."""
     sizes = sizes.copy()
     while True:
         before = sizes.copy()

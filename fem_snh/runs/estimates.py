@@ -129,6 +129,7 @@ class _FinishedRun:
             max_memory=max_memory,
             mesh=self.setup.mesh,
             announce=self.printed.estimating,
+            update=self.setup.snes.getUpdate(),
         )
 
     def add_bounds(self, estimate: Estimate, again: Callable[..., Result]) -> None:

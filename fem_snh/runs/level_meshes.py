@@ -24,10 +24,11 @@ from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput
 from fem_snh.files import is_shape
 from fem_snh.kernels.material import material, supports
-from fem_snh.mesh.bisection import MOST_CELLS, VertexSizes, bisect_times
+from fem_snh.mesh.bisection import MOST_CELLS, VertexSizes, bisect_times, simplex_volumes
 from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
 from fem_snh.mesh.mesh import Mesh, distribute, gather
 from fem_snh.mesh.round_faces import round_faces
+from fem_snh.mesh.simplices import SIMPLEX_OF, in_simplices
 from fem_snh.problem.state_notes import REPLACEMENTS
 from fem_snh.runs.progress import Progress
 from fem_snh.scenes import Geometry, Lattice, Scene, Tetrahedra
@@ -207,7 +208,7 @@ def coarser_scene(scene: Scene) -> tuple[Scene | None, str]:
         size = 2 * scene.mesh.size
         update["mesh"], what = scene.mesh.model_copy(update={"size": size}), f"size = {size:g}"
     elif scene.cells is None:
-        return None, "the mesh is that of a file, and none is coarser"
+        return None, "the mesh is that of a file: --accuracy makes finer ones"
     else:
         cells = cells_of(scene, scene.cells / 2)
         if cells >= scene.cells:
@@ -218,11 +219,6 @@ def coarser_scene(scene: Scene) -> tuple[Scene | None, str]:
         update["time"] = scene.time.model_copy(update={"steps": steps})
         what += f", {steps} time steps"
     return scene.model_copy(update=update | {"modes": None, "stability": False}), what
-
-
-def raised_element(scene: scenes.Scene) -> str:
-    """Return an element of degree 2 on the scene's cells; the scene's own if none fits."""
-    return _fitting(scene, _DEGREE_2)
 
 
 def _element(scene: scenes.Scene) -> tuple[str, str]:
@@ -313,19 +309,24 @@ def _fits(scene: scenes.Scene, element: str) -> bool:
     )
 
 
+def _has_simplices(scene: Scene) -> bool:
+    """Return whether the cells are tetrahedra or triangles."""
+    return ELEMENTS[scene.element].cell == "tetrahedron"
+
+
 def refinement_of(scene: Scene) -> Refine:
     """Return the function that refines the mesh of a scene.
 
-    Hexahedra of a mesh file are not refined, but get a higher degree.
+    Hexahedra and quadrilaterals of a file become simplices first.
     """
-    has_simplices = ELEMENTS[scene.element].cell == "tetrahedron"
+    has_simplices = _has_simplices(scene)
     if isinstance(scene.mesh, Lattice):
         return smaller_lattice
     if is_exact(scene) and not (has_simplices and has_exact_cells(scene)):
         # On a path the errors are not distributed to the cells.
         sizes = has_simplices and not scene.time and may_have_any_sizes(scene)
         return meshed_again if sizes else more_cells
-    return bisected if has_simplices else higher_degree
+    return bisected
 
 
 def is_refined_locally(scene: Scene) -> bool:
@@ -345,25 +346,39 @@ def smaller_lattice(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> 
     return Refined({"cell": scene.mesh.cell / finer})
 
 
-def higher_degree(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return a `Refined` scene with an element of degree 2, and the same mesh."""
-    return Refined({"element": raised_element(scene)}, last.mesh)
-
-
 def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
-    """Return `Refined` with cells bisected where the errors are."""
+    """Return `Refined` with cells bisected where the errors are.
+
+    Other cells become simplices, which are bisected if their degree is not higher.
+
+    Raises
+    ------
+    BadInput
+        If they cannot become simplices.
+    """
+    changes: dict[str, Any] = {}
+    if not _has_simplices(scene):
+        assert scene.accuracy
+        element = _fitting(scene, {} if scene.accuracy.keep_element else _SIMPLICES)
+        if ELEMENTS[element].cell != "tetrahedron":
+            why = ", and keep_element is true" if scene.accuracy.keep_element else ""
+            raise BadInput(f"cells of a file are refined as simplices{why}")
+        finer = 1.0 if ELEMENTS[element].degree > ELEMENTS[scene.element].degree else finer
+        changes["element"] = element
 
     def bisect(data: MeshData, sizes: VertexSizes, target: Target, wanted: float) -> Made:
         def at_corners(growth: float) -> Array:
-            return sizes.at_corners(sizes.of(target(growth)))
+            return sizes.at_corners(target(growth))
 
+        if wanted == 1:
+            return data, None
         return bisect_times(data, at_corners, wanted, MOST_CELLS)
 
     mesh, lineage = _with_target(comm, scene, last, finer, bisect)
     assert last.mesh is not None
     revolved = kinematics_of(scene.kinematics).revolved
     faces = last.mesh.round_faces or round_faces(last.mesh.domain, revolved)
-    return Refined({}, replace(mesh, round_faces=faces), lineage)
+    return Refined(changes, replace(mesh, round_faces=faces), lineage)
 
 
 def meshed_again(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined:
@@ -402,17 +417,22 @@ def _with_target(
         volumes, errors, every = np.empty((3, len(data.cells)))
         for numbers, *values in rows:
             volumes[numbers], errors[numbers], every[numbers] = values
+        mesh, roots = in_simplices(data) if data.cell in SIMPLEX_OF else (data, None)
+        if roots is not None:
+            volumes = simplex_volumes(mesh.x[mesh.cells[:, : dim + 1]])
+            errors, every = (x[roots] / np.bincount(roots)[roots] for x in (errors, every))
         rates = measured_rates(every, last.lineage, degree, dim)
-        sizes = VertexSizes(data.cells[:, : dim + 1], data.x)
+        sizes = VertexSizes(mesh.cells[:, : dim + 1], mesh.x)
 
         def target(growth: float) -> Array:
             return target_volumes(
                 volumes, errors, rates, degree, dim, growth * len(volumes),
-                lambda v: sizes.expected(sizes.of(v)), left if growth <= finer**dim else 0.0,
+                sizes.expected, left if growth <= finer**dim else 0.0,
             )  # fmt: skip
 
-        made, parents = make(data, sizes, target, finer**dim)
-        lineage = None if parents is None else Lineage(parents, every, rates)
+        made, parents = make(mesh, sizes, target, finer**dim)
+        if parents is not None and mesh is data:
+            lineage = Lineage(parents, every, rates)
         return made
 
     return distribute(comm, "the refined mesh", make_on_root), lineage

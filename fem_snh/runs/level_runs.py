@@ -20,18 +20,22 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import scenes
+from fem_snh import _dolfinx, scenes
+from fem_snh.accuracy.effectivity import MISSED
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.path_errors import HALVES
-from fem_snh.accuracy.refinement import Lineage, left_by_parts
+from fem_snh.accuracy.refinement import Lineage, left_by_parts, unmeasured
+from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.errors import on_root
+from fem_snh.assembly.unknowns import num_unknowns
+from fem_snh.errors import BadInput, OutOfTime, on_root
 from fem_snh.mesh.mesh import Mesh, cell_volumes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
@@ -82,6 +86,8 @@ class Level:
         The level's discretisation, from `begin` on; its errors, from `end` on.
     lineage : Lineage or None
         On rank 0, where the cells of `mesh` come from, if those of the level before were bisected.
+    ends_in_time : bool
+        Whether it is given up where ``max_time`` is exceeded by far.
     """
 
     levels: Levels
@@ -94,10 +100,13 @@ class Level:
     volumes: Array = field(default_factory=lambda: np.empty(0))
     row: LevelRow | None = None
     lineage: Lineage | None = None
+    ends_in_time: bool = False
 
     def begin(self, setup: Setup) -> None:
         """Set `mesh`, `volumes`, `row`, and the problem's state to that of `before`. Collective."""
         problem = setup.problem
+        if self.ends_in_time:
+            setup.snes.setUpdate(self._check_time)
         self.mesh, self.volumes = setup.mesh, cell_volumes(problem.domain)
         cells, element = problem.num_cells, problem.element
         self.row = LevelRow(element.name, element.degree, cells, problem.dofs)
@@ -112,10 +121,34 @@ class Level:
             problem.set_load(0.0)
             self.before = None
 
+    def _check_time(self, snes: PETSc.SNES, its: int) -> None:
+        """Raise OutOfTime if the levels take much longer than they may. Collective."""
+        limit = self.levels.overrun(perf_counter() - self.start)
+        if limit := snes.comm.tompi4py().bcast(limit):
+            raise OutOfTime(limit)
+
     def measure(self, estimate: Estimate) -> None:
         """Add the bounds that the levels so far measure to the estimate of this one."""
         assert self.row is not None
-        self.levels.measure(self.row, estimate)
+        self.levels.measure(self.row, estimate, self._unmeasured(estimate))
+
+    def _unmeasured(self, estimate: Estimate) -> float:
+        """Return the errors over the request of which the effectivity says nothing. Collective.
+
+        Where the sizes of the errors in the cells add up to more than twice the error, they cancel,
+        and do not tell where it is.
+        """
+        assert self.mesh is not None
+        domain, found = self.mesh.domain, 0.0
+        weights, total = self.levels.weighted(estimate, estimate.asked, len(self.volumes))
+        rows = domain.comm.gather((_dolfinx.input_cells(domain)[: len(weights)], weights))
+        if self.lineage is not None:  # on rank 0
+            errors = np.empty(len(self.lineage.parents))
+            for numbers, values in rows:
+                errors[numbers] = values
+            if errors.sum() * MISSED <= total:
+                found = unmeasured(errors, self.lineage)
+        return float(domain.comm.bcast(found))
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level's row to `levels`; put their record and `notes` into the run's record."""
@@ -229,13 +262,20 @@ class _LevelRuns:
             if levels.limit:
                 break
             changes, refined = levels.changes(), None
-            if changes.refinement > 1:
-                refined = self._refine(comm, self._scene, self._level, changes.refinement)
-            levels.limit = self._announce(changes, refined)
+            try:
+                if changes.refinement > 1:
+                    refined = self._refine(comm, self._scene, self._level, changes.refinement)
+                levels.limit = self._announce(changes, refined)
+            except BadInput as reason:
+                levels.limit = str(reason)
             if levels.limit:
                 break
             self._prepare_next(changes, result, refined)
-            result = self._solve_level()
+            try:
+                result = self._solve_level()
+            except OutOfTime as limit:
+                levels.limit = f"level {len(levels.rows) + 1}: {limit}"
+                break
         if self._wanted.path and levels.reached and self._scene.steps < self._first.steps:
             printed.line("the load steps are followed on the last mesh")
             result = self._end_level(self._follow_path())
@@ -345,18 +385,19 @@ class _LevelRuns:
 
     def _announce(self, changes: LevelChanges, refined: Refined | None) -> str:
         """Print what the next level will cost; return why it is not solved, "" if it is."""
-        levels, scene, dofs = self._levels, self._scene, 0
-        if refined and (element := refined.changes.get("element")):
-            if element == scene.element:
-                return f"cells of a file have element = '{element}' at most"
-            dofs = levels.rows[-1].estimate.dofs or levels.rows[-1].dofs
+        levels = self._levels
         mesh = refined.mesh if refined else None
-        cells = mesh.num_cells if mesh and not dofs else 0
+        cells = mesh.num_cells if mesh else 0
+        dofs = 0
+        if refined and mesh:
+            name = refined.changes.get("element", self._scene.element)
+            kinematics = kinematics_of(self._scene.kinematics)
+            dofs = num_unknowns(mesh.domain, element(name, kinematics=kinematics))
         forecast = levels.forecast(changes.refinement, changes.shorter, dofs, cells)
         # Each rank has measured seconds of its own: all decide by those of rank 0.
         elapsed, forecast = self._comm.bcast((perf_counter() - self._start, forecast))
         limit = levels.exceeds(forecast, elapsed, available_memory(self._comm))
-        if refined and not dofs and cells and cells <= levels.rows[-1].cells:
+        if 0 < dofs <= levels.rows[-1].dofs:
             limit = "no smaller cells were made"
         if not limit:
             self._printed.line(f"level {len(levels.rows) + 1}: {forecast}")
@@ -381,7 +422,7 @@ class _LevelRuns:
             new |= {"steps": self._first.steps, "starts_there": starts_there}
         self._change(new)
         self._level = self._create_level(refined.mesh, result if starts_there else None)
-        self._level.lineage = refined.lineage
+        self._level.lineage, self._level.ends_in_time = refined.lineage, True
 
 
 def _notes_on_path(before: Result, number: int) -> list[dict[str, Any]]:

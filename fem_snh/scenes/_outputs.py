@@ -326,7 +326,9 @@ class Accuracy(Table):
         "the whole curve.",
     )
     max_time: Positive | None = Field(
-        default=None, description="No further level is begun that ends later [s]."
+        default=None,
+        description="No further level is begun that is expected to end later [s]; one that has not "
+        "ended after twice as long is given up.",
     )
     max_memory: Positive | None = Field(
         default=None,

@@ -301,6 +301,21 @@ def test_ranks_of_unequal_speed_decide_alike(comm, monkeypatch):
     assert len(set(limits)) == 1 and limits[0].startswith("max_dofs = 1,000: ")
 
 
+@mpi
+def test_a_level_that_takes_much_longer_than_it_may_is_given_up(comm, folder, monkeypatch):
+    """The level before is the result, and in the folder."""
+    monkeypatch.setattr(Levels, "exceeds", lambda *_: "")  # as if its end were expected in time
+    accuracy = {"within": 1e-3, "goals": ["energy"], "max_time": 1e-3}
+    scene = scenes.load("twist", cells=4, nu=0.3, angle=0.5)
+    found = fem_snh.run(scene, comm=comm, out=folder / "run", accuracy=accuracy, progress=False)
+    limit = found.record["accuracy"]["limit"]
+    assert limit.startswith("level 2: max_time = 0.001 s, of which ") and found.converged
+    assert len(found.record["accuracy"]["levels"]) == 1
+    stored = json.loads((folder / "run" / "run.json").read_text())
+    assert stored["accuracy"]["limit"] == limit and stored["status"] == "converged"
+    assert stored["cells"] == found.record["cells"]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -321,21 +336,35 @@ def test_bad_input(words, message, capsys):
     assert message in output and output.count("\n") == 1
 
 
-@pytest.mark.parametrize(("nu", "asked", "element"), [(0.3, 0.02, "Q2"), (0.49, 1e-4, "Q2Q1")])
-def test_hexahedra_of_a_file_get_a_higher_degree(nu, asked, element, tmp_path):
-    """Their second level is the element that the estimate of the first stands for."""
-    path = tmp_path / "cube.xdmf"
-    meshes.write_xdmf(meshes.generate(MPI.COMM_SELF, "cube", "hexahedron", cells=3), path)
+@mpi
+@pytest.mark.parametrize(("nu", "element"), [(0.3, "P2"), (0.49, "P2P0")])
+def test_hexahedra_of_a_file_become_tetrahedra(nu, element, comm, folder):
+    """The same accuracy is reached as with the mesh of a geometry, which has hexahedra."""
     loaded = scenes.load("twist", nu=nu, angle=0.5, element="Q1P0")
-    scene = loaded.model_copy(update={"mesh": path, "cells": None})
-    keys = {"accuracy.within": asked, "accuracy.goals": "energy"}
+    path = folder / "cube.xdmf"
+    meshes.write_xdmf(meshes.generate(comm, "cube", "hexahedron", cells=3), path)
+    asked = {"accuracy.within": 0.01, "accuracy.goals": "energy"}
+    of_file = solve(loaded.model_copy(update={"mesh": path, "cells": None}), comm=comm, **asked)
+    own = solve(loaded, comm=comm, **asked)
+    levels = [found.record["accuracy"]["levels"] for found in (of_file, own)]
+    assert of_file.record["accuracy"]["reached"] and own.record["accuracy"]["reached"]
+    assert [level["element"] for level in levels[0][:2]] == ["Q1P0", element]
+    assert levels[0][1]["cells"] == 6 * levels[0][0]["cells"]
+    assert levels[1][-1]["element"] in ("Q2", "Q2Q1")
+    here, there = (found[-1]["goals"]["energy"] for found in levels)
+    assert abs(here["corrected"] - there["corrected"]) <= here["bound"] + there["bound"]
+
+
+def test_kept_hexahedra_of_a_file_are_not_refined(tmp_path):
+    path = tmp_path / "cube.xdmf"
+    meshes.write_xdmf(meshes.generate(MPI.COMM_SELF, "cube", "hexahedron", cells=2), path)
+    scene = scenes.load("twist", nu=0.3, element="Q1P0").model_copy(
+        update={"mesh": path, "cells": None}
+    )
+    keys = {"accuracy.within": 0.01, "accuracy.goals": "energy", "accuracy.keep_element": True}
     found = solve(scene, **keys).record["accuracy"]
-    first, last = (level["goals"]["energy"] for level in found["levels"])
-    assert [level["element"] for level in found["levels"]] == ["Q1P0", element]
-    assert last["value"] == pytest.approx(first["corrected"], abs=0.1 * abs(first["error"]))
-    assert found["reached"] == (asked > 1e-3)
-    if not found["reached"]:
-        assert found["limit"] == "cells of a file have element = 'Q2Q1' at most"
+    assert not found["reached"] and len(found["levels"]) == 1
+    assert found["limit"] == "cells of a file are refined as simplices, and keep_element is true"
 
 
 @pytest.mark.one_debian

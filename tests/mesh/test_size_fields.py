@@ -13,7 +13,12 @@ from bodies import volumes
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.accuracy.refinement import Lineage, measured_rates, target_volumes
+from fem_snh.accuracy.refinement import (
+    Lineage,
+    measured_rates,
+    target_volumes,
+    unmeasured,
+)
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import VertexSizes, bisect_times
@@ -30,7 +35,7 @@ def field_of(data, factor):
     before = meshes.cell_volumes(mesh.domain)
     wanted = factor * before
     if np.ptp(factor) < 1:  # as many cells as the volumes say, not their means at vertices
-        wanted *= sizes.expected(sizes.of(wanted)) / (before / wanted).sum()
+        wanted *= sizes.expected(wanted) / (before / wanted).sum()
     return sizes.field(wanted)
 
 
@@ -105,9 +110,9 @@ def refined(data, errors, rates, growth, left=0.0):
     def at_corners(factor):
         wanted = target_volumes(
             volumes(data), errors, rates, 2, 2, factor * len(data.cells),
-            lambda v: sizes.expected(sizes.of(v)), left if factor <= growth else 0.0,
+            sizes.expected, left if factor <= growth else 0.0,
         )  # fmt: skip
-        return sizes.at_corners(sizes.of(wanted))
+        return sizes.at_corners(wanted)
 
     return bisect_times(data, at_corners, growth, 10**6)
 
@@ -140,3 +145,29 @@ def test_a_singular_cell_is_graded():
     found = measured_rates(left, lineage, 2, 2)
     assert found[near[parents]] == pytest.approx(0.5)
     assert (measured_rates(left, None, 2, 2) == 4).all()
+
+
+def test_an_effectivity_says_nothing_of_a_part_that_did_not_change():
+    """A quarter of the change is where half of the error is, or it was measured elsewhere."""
+    lineage = Lineage(np.repeat(np.arange(4), 2), np.array([2.0, 10.0, 10.0, 10.0]), np.ones(4))
+    kept = np.array([1.0, 0.9, 0.25, 0.25, 0.25, 0.25, 0.25, 0.25])  # of 2.0, 1.9 are left
+    assert unmeasured(kept, lineage) == 2.0
+    alike = lineage.errors[lineage.parents] / 8
+    assert unmeasured(alike, lineage) == 0.0
+    assert unmeasured(np.where(lineage.parents == 0, 0.5, kept), lineage) == 0.0
+
+
+def test_thin_cells_beside_refined_ones_stay_as_they_are():
+    """With sizes that grow with the distance, cells at all thin ones became as small as these."""
+    data = square()
+    x = data.x.copy()
+    x[:, 0] = x[:, 0].max() * (x[:, 0] / x[:, 0].max()) ** 6  # 1e5 times thinner at one side
+    thin, n = data._replace(x=x), len(data.cells)
+    largest = volumes(thin).argmax()
+    errors = np.where(np.arange(n) == largest, 1.0, 1e-9)
+    counts = []
+    for mesh in (data, thin):
+        finer, parents = refined(mesh, errors, np.full(n, 4.0), 1.5)
+        assert np.bincount(parents)[largest] > 1
+        counts.append(len(finer.cells))
+    assert counts[1] < 1.3 * counts[0]
