@@ -130,7 +130,7 @@ class Lift:
         NoEstimate
             If no stable equilibrium is found.
         """
-        evaluate, settled = bind_all(goals, self.lifted), False
+        evaluate, small, settled = bind_all(goals, self.lifted), False, False
         values, scales = estimate.values(goals), estimate.scales(goals)
         found = np.zeros(len(values))
         while not settled:
@@ -151,7 +151,9 @@ class Lift:
             further = _CONTRACTION * rate / (1 - rate)
             unsettled = further * _sizes(goals, found - before)
             limits = SETTLED * np.maximum(np.abs(found), asked * scales)
-            settled = bool((unsettled <= limits).all())
+            # A filter at the interpolated state says nothing yet of the one that is sought.
+            small, was_small = bool((unsettled <= limits).all()), small
+            settled = small and (self._is_stable or was_small)
         if not self._is_stable:
             raise self._unstable("negative curvature")
         return found, unsettled

@@ -291,7 +291,7 @@ def with_bounds(
     goals: Mapping[str, GoalError],
     coarser: Sequence[Mapping[str, GoalError]],
     left: float,
-    unmeasured: float = 0.0,
+    unmeasured: Mapping[str, float] = {},
 ) -> dict[str, GoalError]:
     """Return goals with the bounds that they and the same on coarser levels measure.
 
@@ -307,9 +307,8 @@ def with_bounds(
         The part of the last one's error of the mesh that smooth solutions would leave, with the
         order 2p. An estimate below it is small by chance; with one effectivity only the order p is
         believed.
-    unmeasured : float, optional
-        The errors over the scales, of the level before, in cells about which the effectivity says
-        nothing.
+    unmeasured : mapping of float, optional
+        The errors on the level before of which the effectivity says nothing, by goal.
     """
     found = dict(goals)
     for vector in dict.fromkeys(map(vector_of, goals)):
@@ -330,7 +329,7 @@ def with_bounds(
         for name, goal, before, bound in zip(names, known[-1], known[-2], bounds, strict=True):
             others = goal.all_missed - goal.missed.get("mesh", 0.0)
             goal = replace(goal, theta=theta, factor=factor, confirmed=confirmed)
-            bound = max(float(bound), goal.least) + others + unmeasured * goal.scale
+            bound = max(float(bound), goal.least) + others + unmeasured.get(name, 0.0)
             found[name] = _bounded(goal, bound, before)
     return found
 

@@ -188,16 +188,17 @@ class Levels:
             row.goals = known
         self.rows.append(row)
 
-    def measure(self, row: LevelRow, estimate: Estimate, unmeasured: float = 0.0) -> None:
+    def measure(
+        self, row: LevelRow, estimate: Estimate, unmeasured: Mapping[str, float] = {}
+    ) -> None:
         """Add to an estimate the bounds that it and the levels so far, on larger cells, measure.
 
-        ``unmeasured`` is that of `fem_snh.accuracy.refinement`, over the request. `add` is to
-        follow.
+        ``unmeasured`` is that of `with_bounds`. `add` is to follow.
         """
         coarser = [before for before in self.rows if before.dofs < row.dofs]
         goals = [before.goals for before in coarser]
-        left, missed = self._left_by(row, coarser), self.asked * unmeasured
-        estimate.goals = with_bounds(estimate.goals, goals, left, missed)
+        left = self._left_by(row, coarser)
+        estimate.goals = with_bounds(estimate.goals, goals, left, unmeasured)
         if not self.named:
             estimate.goals = with_scales_of_forces(estimate.goals)
 
@@ -401,20 +402,12 @@ class Levels:
 
     def cell_weights(self, cells: int, of_all: bool = False) -> Array:
         """Return the errors of cells over the request, of goals not within it, or ``of_all``."""
-        known = self.asked_goals.items()
-        goals = {name: goal for name, goal in known if of_all or not goal.within <= self.asked}
-        return self.weighted(self.rows[-1].estimate, goals, cells)[0]
-
-    def weighted(
-        self, estimate: Estimate, goals: Mapping[str, GoalError], cells: int
-    ) -> tuple[Array, float]:
-        """Return the sums of errors over the request: the sizes in cells (cells,), and in all."""
-        weights, total = np.zeros(cells), 0.0
-        for name, goal in goals.items():
-            if name in estimate.indicators and goal.scale > 0:
-                weights += np.abs(estimate.indicators[name]) / (self.asked * goal.scale)
-                total += abs(goal.of_mesh) / (self.asked * goal.scale)
-        return weights, total
+        row, weights = self.rows[-1], np.zeros(cells)
+        for name, goal in self.asked_goals.items():
+            wanted = of_all or not goal.within <= self.asked
+            if wanted and name in row.estimate.indicators and goal.scale > 0:
+                weights += np.abs(row.estimate.indicators[name]) / (self.asked * goal.scale)
+        return weights
 
     def lines(self) -> list[str]:
         """Return the rows of the last level to print: a head, and a line for each goal."""

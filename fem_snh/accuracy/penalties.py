@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ _MOST_TIMES = 8
 
 
 def penalty_errors(
-    problem: Problem, goals: Sequence[Goal], estimate: Estimate
+    problem: Problem, goals: Sequence[Goal], estimate: Estimate, update: Any = None
 ) -> tuple[Array, Array] | None:
     """Return what goals would change by without penalties, and what that may miss. Collective.
 
@@ -44,6 +45,8 @@ def penalty_errors(
         The goals.
     estimate : Estimate
         Has their values and what their errors are relative to, and counts the iterations.
+    update : tuple, optional
+        Arguments of ``snes.setUpdate``.
 
     Raises
     ------
@@ -51,9 +54,9 @@ def penalty_errors(
         If no equilibrium with a larger stiffness is found.
     """
     present, values = STIFFER, estimate.values(goals)
+    evaluate, start = bind_all(goals, problem), problem.x.copy()
     if not problem.scale_penalties(present):
         return None
-    evaluate, start = bind_all(goals, problem), problem.x.copy()
     snes, outcome = solver.create(problem, prefix=PREFIX), solver.StepOutcome()
 
     def stiffened(factor: float) -> Array:
@@ -71,6 +74,8 @@ def penalty_errors(
         return evaluate()
 
     try:
+        if update:
+            snes.setUpdate(*update)
         # What the run's tolerance left is no part of what penalties change.
         snes.getPythonContext().force_iteration = True
         with suppress(NoEstimate):

@@ -16,7 +16,7 @@ part, and each of the :math:`\log_2 n` bisections there costs c cells. Then the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import log
 from typing import NamedTuple
 
@@ -27,8 +27,8 @@ from fem_snh.accuracy.effectivity import MISSED
 
 Array = npt.NDArray[np.float64]
 
-#: Cells that a bisection of those at a vertex adds, where sizes grow by a = 0.35 of the distance
-#: (`fem_snh.mesh.bisection`): pi log(2) / (a^2 sqrt(3)/4).
+#: Cells that a bisection of those at a vertex adds, where sizes grow by about a = 0.35 of the
+#: distance (`fem_snh.mesh.bisection`): pi log(2) / (a^2 sqrt(3)/4).
 _CELLS_OF_BISECTION = 41.0
 #: Parts into which the edges of a cell are divided at most, with an assumed and a measured rate.
 _MOST_PARTS, _MOST_MEASURED = 4.0, 32.0
@@ -44,12 +44,15 @@ class Lineage(NamedTuple):
     parents : (cells,) int array
         The cell of the mesh before of which each is a part.
     errors, rates : (parents,) array
-        The errors of those, and the rates that were taken for them.
+        The sums of the errors of the goals in those, and the rates that were taken for them.
+    of_goals : mapping of (parents,) array
+        The sizes of the errors of each goal in them.
     """
 
     parents: npt.NDArray[np.int64]
     errors: Array
     rates: Array
+    of_goals: Mapping[str, Array] = {}
 
 
 def measured_rates(errors: Array, lineage: Lineage | None, degree: int, dim: int) -> Array:
@@ -89,26 +92,34 @@ def left_by_uniform(before: int, dofs: int, degree: int, dim: int) -> float:
     return float(min(before / dofs, 1.0) ** (2.0 * degree / dim))
 
 
-def unmeasured(errors: Array, lineage: Lineage) -> float:
-    """Return the errors on the mesh before of what an effectivity says nothing about.
+def unmeasured(errors: Array, error: float, parents: npt.NDArray[np.int64], before: Array) -> float:
+    """Return a goal's errors on the mesh before of which an effectivity says nothing.
 
     The cells with the largest errors have half of their sum. The change between the two meshes was
     elsewhere if less than half of their share of it, a quarter, was there: then it is what the mesh
-    before had there; else 0.
+    before had there; else 0. It is 0, too, where the sum is more than twice the error: errors that
+    cancel do not tell where it is.
 
     Parameters
     ----------
     errors : (cells,) array
-        The sizes of the errors of the cells.
-    lineage : Lineage
-        Where the cells come from.
+        The sizes of the goal's errors in the cells.
+    error : float
+        The size of its error.
+    parents : (cells,) array
+        The cell of the mesh before of which each is a part.
+    before : (parents,) array
+        The sizes of its errors in those.
     """
+    if not 0 < errors.sum() * MISSED <= error:
+        return 0.0
     order = np.argsort(errors)[::-1]
     half = int(np.searchsorted(np.cumsum(errors[order]), errors.sum() / 2)) + 1
-    there = np.isin(np.arange(len(lineage.errors)), lineage.parents[order[:half]])
-    before, after = lineage.errors[there].sum(), errors[there[lineage.parents]].sum()
-    change = lineage.errors.sum() - errors.sum()
-    return float(before) if before - after < MISSED**2 * change else 0.0
+    there = np.zeros(len(before), dtype=bool)
+    there[parents[order[:half]]] = True
+    left = before[there].sum() - errors[there[parents]].sum()
+    measured = left >= MISSED**2 * (before.sum() - errors.sum())
+    return 0.0 if measured else float(before[there].sum())
 
 
 def target_volumes(

@@ -46,7 +46,8 @@ def run_parser() -> Parser:
             accuracy.goals, after the last step
         --accuracy A  relative error of every goal, 1%% or 0.01: solve on finer and finer meshes
             until the estimated errors are within it; the exit code is 1 if they are not
-        --max-time S  begin no level of --accuracy that ends later [s]
+        --max-time S  begin no level of --accuracy that ends later [s]; give one up that takes
+            twice as long
         --max-memory MB  nor one whose estimate needs more memory; nor an estimate of --error
         --max-dofs N  nor one with more unknowns
         --out DIR  folder for run.json, tables and fields

@@ -52,8 +52,9 @@ def in_simplices(data: MeshData) -> tuple[MeshData, Array]:
     reference = _dolfinx.reference_corners(data.cell)[local]
     signs = np.sign(np.linalg.det(x[cells][:, 1:] - x[cells][:, :1]))
     signs *= np.sign(np.linalg.det(reference[:, 1:] - reference[:, :1]))
-    if not (signs == np.sign(signs.sum())).all():
-        warped = roots[signs != np.sign(signs.sum())][0]
+    of_cells = np.sign(np.bincount(roots, signs))[roots]  # some cells may be left-handed
+    if not (signs == of_cells).all():
+        warped = roots[signs != of_cells][0]
         at = ", ".join(f"{c:.4g}" for c in x[corners[warped]].mean(axis=0))
         raise BadInput(f"the {data.cell} at ({at}) is too warped to be divided into simplices")
     groups = []

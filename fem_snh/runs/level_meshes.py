@@ -243,7 +243,8 @@ def _element(scene: scenes.Scene) -> tuple[str, str]:
 
 def _fitting(scene: scenes.Scene, raised: Mapping[str, str]) -> str:
     """Return the best candidate that fits; else the scene's element, which the run rejects."""
-    return next((n for n in _candidates(scene, raised) if _fits(scene, n)), scene.element)
+    fitting = (name for name in _candidates(scene, raised) if not _misfit(scene, name))
+    return next(fitting, scene.element)
 
 
 def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
@@ -296,17 +297,18 @@ def _may_be_simplices(scene: scenes.Scene) -> bool:
     return has_reentrant_edges(scene) and not _locks(scene)
 
 
-def _fits(scene: scenes.Scene, element: str) -> bool:
-    """Return whether the scene's features and materials support an element."""
+def _misfit(scene: scenes.Scene, element: str) -> str:
+    """Return why the scene's features and materials do not support an element; "" if they do."""
     try:
         scenes.check_consistency(scene.model_copy(update={"element": element}))
-    except BadInput:
-        return False
+    except BadInput as error:
+        return str(error)
     volume = ELEMENTS[element].volume
-    return volume == "pointwise" or all(
-        supports(material(chosen.name, chosen.E, chosen.nu, **chosen.parameters), volume)
-        for chosen in scene.materials
-    )
+    for chosen in () if volume == "pointwise" else scene.materials:
+        made = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
+        if not supports(made, volume):
+            return f"the material '{chosen.name}' does not support element = '{element}'"
+    return ""
 
 
 def _has_simplices(scene: Scene) -> bool:
@@ -361,8 +363,9 @@ def bisected(comm: MPI.Comm, scene: Scene, last: Level, finer: float) -> Refined
         assert scene.accuracy
         element = _fitting(scene, {} if scene.accuracy.keep_element else _SIMPLICES)
         if ELEMENTS[element].cell != "tetrahedron":
-            why = ", and keep_element is true" if scene.accuracy.keep_element else ""
-            raise BadInput(f"cells of a file are refined as simplices{why}")
+            keeps = scene.accuracy.keep_element
+            why = "keep_element is true" if keeps else _misfit(scene, _SIMPLICES[scene.element])
+            raise BadInput(f"cells of a file are refined as simplices, and {why}")
         finer = 1.0 if ELEMENTS[element].degree > ELEMENTS[scene.element].degree else finer
         changes["element"] = element
 
@@ -405,7 +408,11 @@ def _with_target(
     assert last.mesh is not None
     data, owned = gather(last.mesh), len(last.volumes)
     numbers = _dolfinx.input_cells(last.mesh.domain)[:owned]
-    rows = comm.gather((numbers, last.volumes, last.cell_weights(), last.cell_weights(True)))
+    assert last.row is not None
+    indicators = last.row.estimate.indicators
+    of_goals = {name: np.abs(values) for name, values in indicators.items()}
+    known = last.volumes, last.cell_weights(), last.cell_weights(True), *of_goals.values()
+    rows = comm.gather((numbers, known))
     degree, dim = ELEMENTS[scene.element].degree, last.mesh.dim
     left = last.levels.left_of_errors if last.lineage else 0.0
     left = comm.bcast(left)
@@ -414,9 +421,10 @@ def _with_target(
 
     def make_on_root() -> MeshData:
         nonlocal lineage
-        volumes, errors, every = np.empty((3, len(data.cells)))
-        for numbers, *values in rows:
-            volumes[numbers], errors[numbers], every[numbers] = values
+        table = np.empty((3 + len(of_goals), len(data.cells)))
+        for numbers, values in rows:
+            table[:, numbers] = values
+        volumes, errors, every = table[:3]
         mesh, roots = in_simplices(data) if data.cell in SIMPLEX_OF else (data, None)
         if roots is not None:
             volumes = simplex_volumes(mesh.x[mesh.cells[:, : dim + 1]])
@@ -432,7 +440,8 @@ def _with_target(
 
         made, parents = make(mesh, sizes, target, finer**dim)
         if parents is not None and mesh is data:
-            lineage = Lineage(parents, every, rates)
+            by_goal = dict(zip(of_goals, table[3:], strict=True))
+            lineage = Lineage(parents, every, rates, by_goal)
         return made
 
     return distribute(comm, "the refined mesh", make_on_root), lineage

@@ -26,7 +26,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
-from fem_snh.accuracy.effectivity import MISSED
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
@@ -132,23 +131,20 @@ class Level:
         assert self.row is not None
         self.levels.measure(self.row, estimate, self._unmeasured(estimate))
 
-    def _unmeasured(self, estimate: Estimate) -> float:
-        """Return the errors over the request of which the effectivity says nothing. Collective.
-
-        Where the sizes of the errors in the cells add up to more than twice the error, they cancel,
-        and do not tell where it is.
-        """
+    def _unmeasured(self, estimate: Estimate) -> dict[str, float]:
+        """Return the errors of which the effectivity says nothing, by goal. Collective."""
         assert self.mesh is not None
-        domain, found = self.mesh.domain, 0.0
-        weights, total = self.levels.weighted(estimate, estimate.asked, len(self.volumes))
-        rows = domain.comm.gather((_dolfinx.input_cells(domain)[: len(weights)], weights))
+        domain, found = self.mesh.domain, dict[str, float]()
+        rows = domain.comm.gather((_dolfinx.input_cells(domain), estimate.indicators))
         if self.lineage is not None:  # on rank 0
-            errors = np.empty(len(self.lineage.parents))
-            for numbers, values in rows:
-                errors[numbers] = values
-            if errors.sum() * MISSED <= total:
-                found = unmeasured(errors, self.lineage)
-        return float(domain.comm.bcast(found))
+            parents, before = self.lineage.parents, self.lineage.of_goals
+            for name in before.keys() & estimate.indicators.keys():
+                errors = np.empty(len(parents))
+                for numbers, indicators in rows:
+                    errors[numbers[: len(indicators[name])]] = np.abs(indicators[name])
+                error = abs(estimate.goals[name].of_mesh)
+                found[name] = unmeasured(errors, error, parents, before[name])
+        return domain.comm.bcast(found)
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level's row to `levels`; put their record and `notes` into the run's record."""
@@ -278,7 +274,7 @@ class _LevelRuns:
                 break
         if self._wanted.path and levels.reached and self._scene.steps < self._first.steps:
             printed.line("the load steps are followed on the last mesh")
-            result = self._end_level(self._follow_path())
+            result = self._end_level(self._follow_path(ends_in_time=False))
         if not result.converged and not levels.limit:
             levels.limit = f"level {len(levels.rows)}: {result.status}"
         result.record["accuracy"] = levels.record()
@@ -311,7 +307,7 @@ class _LevelRuns:
             self._printed.line(
                 "the path is followed again: no equilibrium was found near the last state"
             )
-            result = self._follow_path()
+            result = self._follow_path(self._level.ends_in_time)
         return self._end_level(result)
 
     def _solve_aside(self) -> Result:
@@ -369,12 +365,12 @@ class _LevelRuns:
         self._printed.level(levels.lines())
         return setup.result(checkpoint.record, self._folder.path, last.estimate)
 
-    def _follow_path(self) -> Result:
+    def _follow_path(self, ends_in_time: bool) -> Result:
         """Solve the present level again, by the scene's own load steps."""
         self._levels.rows.pop()
         lineage = self._level.lineage
         self._level = self._create_level(self._level.mesh)
-        self._level.lineage = lineage
+        self._level.lineage, self._level.ends_in_time = lineage, ends_in_time
         self._change({"steps": self._first.steps, "starts_there": False})
         return self._solve_aside()
 

@@ -25,6 +25,8 @@ def scene_path(setup: Setup, history: GoalHistory | None) -> Path:
             scene = scene.model_copy(update={"hessian": None, "globalization": None})
         stiffness = setup.stiffer * stiffer
         again = set_up(comm, scene, mesh=setup.mesh, element=element, stiffer=stiffness)
+        if update := setup.snes.getUpdate():
+            again.snes.setUpdate(*update)
         try:
             yield again.stepper
         finally:

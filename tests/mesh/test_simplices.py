@@ -90,6 +90,21 @@ def test_curved_cells_stay_on_round_faces(order):
     assert _dolfinx.geometry_degree(mesh.domain) == order
 
 
+@pytest.mark.parametrize(("source", "cell"), [("cube", "hexahedron"), ("cook", "quadrilateral")])
+def test_cells_may_be_left_handed(source, cell):
+    """As in files of gmsh whose surfaces have opposite loops: half of the cells are mirrored."""
+    data = gathered(source, cell, cells=4)
+    size = data.cells.shape[1]
+    mirrored = np.arange(size) ^ 1  # the other direction along the first axis
+    data.cells[::2] = data.cells[::2][:, mirrored]
+    made, _ = in_simplices(data)
+    _, counts = facets(made.cells)
+    dim = data.x.shape[1]
+    volume = 1.0 if dim == 3 else 48 * (44 + 16) / 2
+    assert simplex_volumes(made.x[made.cells]).sum() == pytest.approx(volume, rel=1e-12)
+    assert counts.max() == 2
+
+
 def test_a_warped_hexahedron_is_refused():
     """Its face is folded so far that a tetrahedron is turned inside out."""
     data = gathered("cube", cells=1)

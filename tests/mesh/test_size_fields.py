@@ -149,12 +149,14 @@ def test_a_singular_cell_is_graded():
 
 def test_an_effectivity_says_nothing_of_a_part_that_did_not_change():
     """A quarter of the change is where half of the error is, or it was measured elsewhere."""
-    lineage = Lineage(np.repeat(np.arange(4), 2), np.array([2.0, 10.0, 10.0, 10.0]), np.ones(4))
+    parents, before = np.repeat(np.arange(4), 2), np.array([2.0, 10.0, 10.0, 10.0])
     kept = np.array([1.0, 0.9, 0.25, 0.25, 0.25, 0.25, 0.25, 0.25])  # of 2.0, 1.9 are left
-    assert unmeasured(kept, lineage) == 2.0
-    alike = lineage.errors[lineage.parents] / 8
-    assert unmeasured(alike, lineage) == 0.0
-    assert unmeasured(np.where(lineage.parents == 0, 0.5, kept), lineage) == 0.0
+    assert unmeasured(kept, 3.4, parents, before) == 2.0
+    assert unmeasured(kept, 1.7, parents, before) == 2.0
+    assert unmeasured(kept, 1.6, parents, before) == 0.0  # others cancel
+    assert unmeasured(before[parents] / 8, 8.0, parents, before) == 0.0
+    assert unmeasured(np.where(parents == 0, 0.5, kept), 2.5, parents, before) == 0.0
+    assert unmeasured(0 * kept, 0.0, parents, before) == 0.0
 
 
 def test_thin_cells_beside_refined_ones_stay_as_they_are():
