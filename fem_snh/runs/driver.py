@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from fem_snh import scenes, solver
 from fem_snh.cache import untimed
-from fem_snh.errors import BadInput, OutOfTime, on_every, on_root
+from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.problem.free_motions import SupportsCheck
 from fem_snh.processes import Interrupts
 from fem_snh.records.run_record import Note
@@ -169,11 +169,7 @@ def _run(
 
             on_root(comm, copy_surfaces, scene, folder)
         again = partial(_run, comm, printed=Progress(comm, False), note=None, start=start)
-        try:
-            estimate = _solve(setup, recorder, printed, goals, level, None if alone else again)
-        except OutOfTime:
-            setup.destroy()
-            raise
+        estimate = _solve(setup, recorder, printed, goals, level, None if alone else again)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
