@@ -341,6 +341,17 @@ def gather(mesh: Mesh) -> MeshData:
     return MeshData(cells, x, mesh.cell, degree, groups)
 
 
+def of_input_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
+    """Return values (owned cells, ...) on rank 0 in the order of `gather`. Collective.
+
+    On other ranks the result has this rank's cells.
+    """
+    rows = _dolfinx.input_cells(domain)[: len(values)]
+    parts = domain.comm.gather((rows, values)) or [(rows, values)]
+    numbers, gathered = map(np.concatenate, zip(*parts, strict=True))
+    return np.asarray(gathered[np.argsort(numbers)])
+
+
 def centroid(domain: _dolfinx.Mesh, dim: int, entities: Array) -> Array:
     """Return the reference centroid (3,) [m] of cells or facets; NaN without any. Collective.
 

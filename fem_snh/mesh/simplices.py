@@ -62,13 +62,11 @@ def in_simplices(data: MeshData) -> tuple[MeshData, Array]:
         entities = group.entities
         if group.dim == dim:
             entities = np.flatnonzero(np.isin(roots, entities))
-        elif group.dim > 0:
+        else:
             entities = np.searchsorted(vertices, entities)
             if group.dim == 2:
                 parts, faces = _divided(entities, 2)
                 entities = entities[faces[:, None], parts]
-        else:
-            entities = np.searchsorted(vertices, entities)
         groups.append(group._replace(entities=entities))
     if data.degree == 2:
         cells, x = with_midpoints(data, cell, cells, x, roots, reference)

@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx, scenes
+from fem_snh import scenes
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.accuracy.refinement import Lineage, measured_rates, target_volumes
 from fem_snh.assembly.elements import ELEMENTS
@@ -26,7 +26,7 @@ from fem_snh.files import is_shape
 from fem_snh.kernels.material import material, supports
 from fem_snh.mesh.bisection import MOST_CELLS, VertexSizes, bisect_times, simplex_volumes
 from fem_snh.mesh.gmsh_input import MeshData, has_free_sizes, parameter
-from fem_snh.mesh.mesh import Mesh, distribute, gather
+from fem_snh.mesh.mesh import Mesh, distribute, gather, of_input_cells
 from fem_snh.mesh.round_faces import round_faces
 from fem_snh.mesh.simplices import SIMPLEX_OF, in_simplices
 from fem_snh.problem.state_notes import REPLACEMENTS
@@ -405,14 +405,10 @@ def _with_target(
     Rank 0 calls ``make`` with the last mesh, sizes at its vertices, a `Target` and the growth of
     the number of cells.
     """
-    assert last.mesh is not None
-    data, owned = gather(last.mesh), len(last.volumes)
-    numbers = _dolfinx.input_cells(last.mesh.domain)[:owned]
-    assert last.row is not None
-    indicators = last.row.estimate.indicators
-    of_goals = {name: np.abs(values) for name, values in indicators.items()}
-    known = last.volumes, last.cell_weights(), last.cell_weights(True), *of_goals.values()
-    rows = comm.gather((numbers, known))
+    assert last.mesh is not None and last.row is not None
+    data, indicators = gather(last.mesh), last.row.estimate.indicators
+    known = last.volumes, last.cell_weights(), last.cell_weights(True), *indicators.values()
+    table = of_input_cells(last.mesh.domain, np.column_stack(known)).T
     degree, dim = ELEMENTS[scene.element].degree, last.mesh.dim
     left = last.levels.left_of_errors if last.lineage else 0.0
     left = comm.bcast(left)
@@ -421,9 +417,6 @@ def _with_target(
 
     def make_on_root() -> MeshData:
         nonlocal lineage
-        table = np.empty((3 + len(of_goals), len(data.cells)))
-        for numbers, values in rows:
-            table[:, numbers] = values
         volumes, errors, every = table[:3]
         mesh, roots = in_simplices(data) if data.cell in SIMPLEX_OF else (data, None)
         if roots is not None:
@@ -440,8 +433,8 @@ def _with_target(
 
         made, parents = make(mesh, sizes, target, finer**dim)
         if parents is not None and mesh is data:
-            by_goal = dict(zip(of_goals, table[3:], strict=True))
-            lineage = Lineage(parents, every, rates, by_goal)
+            of_goals = dict(zip(indicators, np.abs(table[3:]), strict=True))
+            lineage = Lineage(parents, every, rates, of_goals)
         return made
 
     return distribute(comm, "the refined mesh", make_on_root), lineage

@@ -25,7 +25,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx, scenes
+from fem_snh import scenes
 from fem_snh.accuracy.goal_errors import Estimate
 from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
@@ -35,7 +35,7 @@ from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.assembly.unknowns import num_unknowns
 from fem_snh.errors import BadInput, OutOfTime, on_root
-from fem_snh.mesh.mesh import Mesh, cell_volumes
+from fem_snh.mesh.mesh import Mesh, cell_volumes, of_input_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
 from fem_snh.records.run_record import NOTES_ON_PATH
@@ -135,15 +135,12 @@ class Level:
         """Return the errors of which the effectivity says nothing, by goal. Collective."""
         assert self.mesh is not None
         domain, found = self.mesh.domain, dict[str, float]()
-        rows = domain.comm.gather((_dolfinx.input_cells(domain), estimate.indicators))
-        if self.lineage is not None:  # on rank 0
-            parents, before = self.lineage.parents, self.lineage.of_goals
-            for name in before.keys() & estimate.indicators.keys():
-                errors = np.empty(len(parents))
-                for numbers, indicators in rows:
-                    errors[numbers[: len(indicators[name])]] = np.abs(indicators[name])
+        for name, indicators in estimate.indicators.items():
+            errors = of_input_cells(domain, np.abs(indicators))
+            if self.lineage is not None and name in self.lineage.of_goals:  # on rank 0
+                parents, before = self.lineage.parents, self.lineage.of_goals[name]
                 error = abs(estimate.goals[name].of_mesh)
-                found[name] = unmeasured(errors, error, parents, before[name])
+                found[name] = unmeasured(errors, error, parents, before)
         return domain.comm.bcast(found)
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:

@@ -22,7 +22,7 @@ from fem_snh.accuracy.refinement import Lineage
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import replace_file
 from fem_snh.mesh.gmsh_model import MeshData, PhysicalGroup
-from fem_snh.mesh.mesh import Mesh, distribute, gather
+from fem_snh.mesh.mesh import Mesh, distribute, gather, of_input_cells
 from fem_snh.mesh.round_faces import RoundFaces
 from fem_snh.records.run_files import LEVELS
 from fem_snh.records.run_record import load_record
@@ -95,7 +95,7 @@ def write_levels(
         "scene": _identity(scene),
         "rows": [asdict(_without_indicators(row)) for row in levels.rows],
         "changes": dict(changes),
-        "errors": {n: _of_cells(domain, v) for n, v in last.estimate.indicators.items()},
+        "errors": {n: of_input_cells(domain, v) for n, v in last.estimate.indicators.items()},
         "lineage": lineage,
         "mesh": gather(mesh) if mesh else None,
         "round_faces": mesh.round_faces if mesh else None,
@@ -174,14 +174,6 @@ def _identity(scene: scenes.Scene) -> dict[str, Any]:
     goals = [g.name if g.at is None else f"{g.name} at {g.at}" for g in wanted.goals]
     asked = {"accuracy.keep_element": wanted.keep_element, "accuracy.goals": goals}
     return identity(scene) | asked
-
-
-def _of_cells(domain: _dolfinx.Mesh, values: Array) -> Array:
-    """Return values of owned cells on rank 0 in the order of the mesh's input. Collective."""
-    rows = _dolfinx.input_cells(domain)[: len(values)]
-    parts = domain.comm.gather((rows, values)) or [(rows, values)]
-    numbers, gathered = map(np.concatenate, zip(*parts, strict=True))
-    return np.asarray(gathered[np.argsort(numbers)])
 
 
 def _without_indicators(row: LevelRow) -> LevelRow:
