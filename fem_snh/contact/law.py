@@ -14,6 +14,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.regions import Region
+from fem_snh.contact.facet_loops import YIELD, FrictionAt, response, same
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import BadInput
 from fem_snh.geometry.motions import MovingShape
@@ -46,9 +47,6 @@ _SLOW, _GROWTH, _LARGEST = 0.25, 4.0, 1e4
 #: pressure is E/10 the penetration is a hundredth of the height.
 #: ``python -m benchmarks hertz --factors 0.1,1,10,100`` measures penetration and cost.
 FACTOR = 10.0
-#: Where contact begins, r is the depth at the step's end over the gap at its start. Below _SHALLOW
-#: a series in r is more accurate than the closed form; r is at most _DEEP.
-_SHALLOW, _DEEP = 1e-2, 1e12
 #: A mean derivative is not corrected for a displacement in a step below this, in sizes of a facet:
 #: the rounding errors of the gaps are larger.
 _AT_REST = 1e-8
@@ -90,21 +88,7 @@ def mean_pressure(k: Array, start: Array, end: Array) -> Response:
     start, end : array
         Gaps at the start and the end of the step [m].
     """
-    p0, p1 = (np.maximum(-k * gap, 0.0) for gap in (start, end))
-    both, opens, closes = (p0 > 0) & (p1 > 0), (p0 > 0) & (p1 == 0), (p0 == 0) & (p1 > 0)
-    change = end - start
-    # Where contact ends: the change of the gap over the depth p0/k before.
-    ratio = np.where(opens, k * change, 1.0) / np.where(opens, p0, 1.0)
-    depth = np.where(closes, p1 / k, 0.0)
-    r = depth / np.where(closes, np.maximum(start, depth / _DEEP), 1.0)
-    series = r / 3 - r**2 / 4 + r**3 / 5 - r**4 / 6 + r**5 / 7
-    large = np.where(r < _SHALLOW, 1.0, r)
-    begun = np.where(r < _SHALLOW, series, 0.5 - 1 / large + np.log1p(large) / large**2)
-    closing = k / 2 * depth**2 * begun, p1 / 2 * r / (1 + r), k / 2 * r * (r + 2) / (1 + r) ** 2
-    opening = -(p0**2) / (2 * k) * np.log(ratio), p0 / (2 * ratio), k / (2 * ratio**2)
-    staying = p1**2 / (4 * k) + p0 * (p0 / k - change) / 2, (p0 + p1) / 2, k / 2
-    cases = zip(staying, opening, closing, strict=True)
-    return Response(*(np.where(both, a, np.where(opens, b, c)) for a, b, c in cases))
+    return Response(*response(None, k, k, end, start))
 
 
 def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float) -> Array:
@@ -249,11 +233,8 @@ class ContactLaw:
 
         With an augmented Lagrangian ``start`` is ignored: the multipliers are mean pressures.
         """
-        k = self.stiffness[rows]
-        if start is not None and not self.augmented:
-            return mean_pressure(k, start, gap)
-        pressure = np.maximum(self.trial(rows, gap), 0.0)
-        return Response(pressure**2 / (2 * k), pressure, k)
+        start = None if self.augmented else start
+        return Response(*response(rows, self.stiffness, self.multipliers, gap, start))
 
     def energy(self, rows: Array, energy: Array) -> float:
         """Return this rank's energy [J] from energies per area at ``rows`` [J/m^2].
@@ -261,9 +242,7 @@ class ContactLaw:
         Points in other rows have no pressure.
         """
         acting = float((self.weights[rows] * energy).sum())
-        if not self.augmented:
-            return acting
-        return acting - float((self.weights * self.multipliers**2 / (2 * self.stiffness)).sum())
+        return acting - self._constant
 
     def settle(self, rows: Array, gap: Array, pressure: Array) -> list[LaggedChange]:
         """Augment if the gap or the force has not settled; return both changes. Collective.
@@ -306,6 +285,8 @@ class ContactLaw:
         values = np.zeros_like(self.multipliers)
         values[rows] = multipliers
         self.multipliers[:] = values
+        #: The sum of w l^2 / 2 k [J], which the energy lacks.
+        self._constant = float((self.weights * values**2 / (2 * self.stiffness)).sum())
         self.version += 1
 
 
@@ -337,8 +318,6 @@ def default_stiffness(surface: SurfaceQuadrature, regions: Sequence[Region]) -> 
     return np.asarray(FACTOR * moduli / cell_heights(surface))
 
 
-#: Rounding of the yield limit: a point that slid is at the limit when its slip is kept.
-_YIELD = 1 - 1e-9
 #: If a change of the lagged pressures is more than this times the last one, they get a share of it.
 _SLOWLY = 0.5
 #: The least share.
@@ -346,7 +325,7 @@ _LEAST_SHARE = 1 / 32
 
 
 class ContactPoints(NamedTuple):
-    """The quadrature points of the m facets that have a point in contact.
+    """The quadrature points of m facets, which include all with a point in contact.
 
     Attributes
     ----------
@@ -455,6 +434,7 @@ class Friction:
         """Multiply the tangential stiffness, and divide the slip, so that stresses stay."""
         self._stiffness = factor * self._stiffness
         self.slip /= factor
+        self._select()
 
     def set_load(self, load: float) -> None:
         """Set the load at the end of the step, to which the obstacle moves."""
@@ -501,23 +481,22 @@ class Friction:
 
     def keep(self, u: Array) -> None:
         """Store the elastic part of the slip, at the end of a step with displacements ``u``."""
-        forces = self._forces(self._trial(u))
+        _, stress = self._stresses(u)
         self.slip[:] = 0.0
-        self.slip[self._which] = forces / self._stiffness[self._which, None, None]
+        self.slip[self._which] = stress / self._stiffness[self._which, None, None]
         self._start, self._loads = u.copy(), (self._loads[1], self._loads[1])
         self._select()
 
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""
-        slip, k = self._trial(u), self._stiffness[self._which, None]
-        length = np.linalg.norm(slip, axis=2)
-        stress = np.minimum(k * length, self._limit)
-        energies = stress * (length - 0.5 * stress / k)
+        slip, stress = self._stresses(u)
+        k = self._stiffness[self._which, None]
+        energies = (stress * (slip - 0.5 * stress / k[..., None])).sum(axis=2)
         return float((self._weights * energies).sum())
 
     def weighted_forces(self, u: Array) -> tuple[Array, Array]:
         """Return facets (m,), and frictional forces on the body (m, points, 3) [N]."""
-        return self._which, -self._weights[..., None] * self._forces(self._trial(u))
+        return self._which, -self._weights[..., None] * self._stresses(u)[1]
 
     def dissipated(self, u: Array, end_weight: float) -> float:
         r"""Return the energy [J] that sliding has dissipated in a step; call it before `keep`.
@@ -528,56 +507,43 @@ class Friction:
         weight w, ``end_weight`` (1 if :math:`t_1` is the step's mean), and the plastic part
         :math:`s - t_1 / k_t` of the slip. The sum is over this rank's points.
         """
-        k, slip = self._stiffness[self._which, None, None], self._trial(u)
-        forces = self._forces(slip)
-        mean = end_weight * forces + (1 - end_weight) * k * self.slip[self._which]
-        plastic = slip - forces / k
+        k, (slip, stress) = self._stiffness[self._which, None, None], self._stresses(u)
+        mean = end_weight * stress + (1 - end_weight) * k * self.slip[self._which]
+        plastic = slip - stress / k
         return float((self._weights[..., None] * mean * plastic).sum())
 
     def matrices(self, u: Array) -> tuple[Array, Array]:
-        """Return cells (m,) and their Hessians [N/m]: see `SurfaceQuadrature.cell_matrices`."""
-        slip, k = self._trial(u), self._stiffness[self._which, None]
-        length, limit = np.linalg.norm(slip, axis=2), self._limit
-        sticks = k * length <= limit
-        normal = self.normal[self._which]
-        tangent = np.eye(3) - normal[..., :, None] * normal[..., None, :]
-        direction = slip / np.where(length > 0, length, 1.0)[..., None]
-        across = tangent - direction[..., :, None] * direction[..., None, :]
-        sliding = limit / np.where(sticks, np.inf, length)
-        hessian = np.where(sticks, k, 0.0)[..., None, None] * tangent
-        hessian += sliding[..., None, None] * across
-        # Where nothing is lagged the limit is zero, and a point at rest would seem to stick.
-        hessian *= np.where(limit > 0, self._weights, 0.0)[..., None, None]
-        cells = self._surface.cells[self._which]
-        return cells, self._surface.cell_matrices(hessian, self._which)
+        """Return cells (m,) and the Hessians (m, n, n) [N/m] of their n displacement dofs."""
+        matrices = self._surface.loops.friction_matrices(
+            self._which, self._at, self._stresses(u)[0]
+        )
+        return self._surface.cells[self._which], matrices
 
     def sliding(self, u: Array) -> int:
         """Return how many of this rank's points slide."""
-        length = np.linalg.norm(self._trial(u), axis=2)
-        limit = self._limit
+        length = np.linalg.norm(self._stresses(u)[0], axis=2)
+        limit = self._at.limit
         stress = self._stiffness[self._which, None] * length
-        return int(((limit > 0) & (stress > _YIELD * limit)).sum())
+        return int(((limit > 0) & (stress > YIELD * limit)).sum())
 
     def _select(self) -> None:
         """Select the facets with a lagged pressure; set their limits of stress and offsets of s."""
         surface = self._surface
         self._which = which = np.flatnonzero(self.pressure.any(axis=1))
         self._weights = surface.weights[which]
-        self._limit = self._mu * self.pressure[which]
         x = surface.positions(self._start, which).reshape(-1, 3)
         moved = self._obstacle.displacement(x, *self._loads)
-        self._offset = self.slip[which] - moved.reshape(*self._limit.shape, 3)
+        limit, slip = self._mu * self.pressure[which], self.slip[which]
+        offset = slip - moved.reshape(slip.shape)
+        self._at = FrictionAt(self._stiffness, self.normal, limit, offset)
+        self._evaluated: tuple[Array, tuple[Array, Array]] | None = None
 
-    def _trial(self, u: Array) -> Array:
-        """Return the tangential displacement s, (m, points, 3) [m]."""
-        s = self._offset + self._surface.displacements(u - self._start, self._which)
-        normal = self.normal[self._which]
-        return np.asarray(s - (s * normal).sum(axis=2, keepdims=True) * normal)
+    def _stresses(self, u: Array) -> tuple[Array, Array]:
+        """Return the tangential displacement s [m] and the derivative of the energy by s [Pa].
 
-    def _forces(self, slip: Array) -> Array:
-        """Return the derivative of the energy density by s, (m, points, 3) [Pa]."""
-        k = self._stiffness[self._which, None]
-        length = np.linalg.norm(slip, axis=2)
-        sticks = k * length <= self._limit
-        factor = np.where(sticks, k, self._limit / np.where(sticks, np.inf, length))
-        return np.asarray(factor[..., None] * slip)
+        Both are (m, points, 3); the last result is cached.
+        """
+        if self._evaluated is None or not same(self._evaluated[0], u):
+            moved = u - self._start
+            self._evaluated = u.copy(), self._surface.loops.friction(self._which, self._at, moved)
+        return self._evaluated[1]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.contact.facet_loops import largest_move, same
 from fem_snh.contact.law import (
     ContactLaw,
     ContactPoints,
@@ -23,14 +24,14 @@ from fem_snh.contact.surface_quadrature import (
     GRID_INTERVALS,
     DeepestPoint,
     SurfaceQuadrature,
-    facet_grid,
     may_be_deep,
 )
-from fem_snh.geometry.motions import MovingShape
-from fem_snh.kernels.cell_matrices import filter_matrices
+from fem_snh.geometry.motions import MovingShape, Pose
 from fem_snh.terms.history import LaggedChange, relative
 
 Array = npt.NDArray[Any]
+#: Close facets (m,), and gap, normal and curvature at their points, or other arrays of points.
+Evaluated = tuple[Array, Array, Array, Array]
 
 #: Distance by which nodes may move before the facets are searched again, in mean radii of facets. A
 #: larger one costs evaluations at more points, a smaller one more searches.
@@ -59,9 +60,8 @@ class NearFacets:
         Maps positions (n, 3) to signed distances from the obstacle (n,) [m].
     facets : (n,) int, optional
         Local numbers of the facets that may touch the obstacle. Default: all of the surface.
-    material : callable, optional
-        Maps positions (n, 3) to reference positions in the moving frame of the obstacle (n, 3).
-        Default: the identity, for an obstacle that does not move.
+    pose : callable
+        Returns the present pose of the obstacle.
     """
 
     def __init__(
@@ -69,15 +69,15 @@ class NearFacets:
         surface: SurfaceQuadrature,
         X: Array,
         distance: Callable[[Array], Array],
+        pose: Callable[[], Pose],
         facets: Array | None = None,
-        material: Callable[[Array], Array] = np.asarray,
     ) -> None:
         chosen = slice(None) if facets is None else np.isin(surface.facets, facets)
         self._indices = np.arange(len(surface))[chosen]
         corners = surface.nodes[chosen]
         self._nodes, nodes = np.unique(corners, return_inverse=True)
         self._corners = nodes.reshape(corners.shape)
-        self._X, self._distance, self._material = X[self._nodes], distance, material
+        self._X, self._distance, self._pose = X[self._nodes], distance, pose
         # |x_q - c| <= sum |N_a| max |x_a - c|, as the shape functions sum to 1.
         self._spread = np.abs(surface.basis).sum(axis=1).max()
         radii = self._balls(self._X)[1]
@@ -94,14 +94,13 @@ class NearFacets:
         u : (local nodes, 3)
             Nodal displacements [m], ghosts included.
         """
-        x = self._X + u[self._nodes]
-        relative = self._material(x)
+        pose = self._pose()
         if self._searched is not None:
-            way = relative - self._searched
-            moved = np.einsum("ni,ni->n", way, way).max(initial=0.0)
-            if self._spread**2 * moved <= self._valid**2:
+            moved = largest_move(self._nodes, self._X, u, pose, self._searched)
+            if self._spread * moved <= self._valid:
                 return self._found
-        self._searched, (centers, radii) = relative, self._balls(x)
+        x = self._X + u[self._nodes]
+        self._searched, (centers, radii) = pose.invert(x), self._balls(x)
         gaps = self._distance(centers) - radii
         self._found = self._indices[gaps <= self._margin]
         self._valid = max(self._margin, gaps.min(initial=np.inf))
@@ -150,7 +149,7 @@ class StepStart:
     def begin(self, u: Array, load: float, which: Array) -> None:
         """Set the step's start: displacements (copied), load, facets in contact; turn is zero."""
         self.u, self.load, self.which = u.copy(), load, which
-        self._evaluated: tuple[Array, Array, Array, Array] | None = None
+        self._evaluated: Evaluated | None = None
         self._set_turn(which, 0.0)
 
     def gaps(self, near: Array) -> Array:
@@ -193,7 +192,7 @@ class StepStart:
         weights = self._surface.weights[self._turned]
         self._turn_forces = weights[..., None] * self.turn[self._turned]
 
-    def _at_start(self, near: Array) -> tuple[Array, Array, Array, Array]:
+    def _at_start(self, near: Array) -> Evaluated:
         """Return ``near``, and its points' positions, gaps and normals at the step's start."""
         if self._evaluated is None or not np.array_equal(self._evaluated[0], near):
             x = self._surface.positions(self.u, near)
@@ -258,7 +257,7 @@ class ObstaclePair(ContactPair):
         super().__init__(name, law)
         self.surface, self.obstacle, self.friction = surface, obstacle, friction
         self.load, self.linearised = 0.0, False
-        self._near = NearFacets(surface, X, self.distance, facets, self._material)
+        self._near = NearFacets(surface, X, self.distance, self._pose, facets)
         #: At the start of a linearised step: displacement, facets in contact (m,), and which of
         #: their points are in contact (m, points).
         self._linear: tuple[Array, Array, Array] | None = None
@@ -266,7 +265,9 @@ class ObstaclePair(ContactPair):
         self._before: list[tuple[Array, Array]] = []
         self._start = StepStart(surface, obstacle)
         #: The last call of `_evaluate`: displacement, its other dependencies, result.
-        self._evaluated: tuple[Array, Any, tuple[Array, Array, Array, Array]] | None = None
+        self._evaluated: tuple[Array, Any, Evaluated] | None = None
+        #: The last result of `_respond` for it, and what this depends on.
+        self._responded: tuple[tuple[Any, ...], ContactPoints] | None = None
 
     def set_load(self, load: float) -> None:
         """Move the obstacle to its position at a load, for friction too."""
@@ -286,18 +287,20 @@ class ObstaclePair(ContactPair):
     def begin_step(self, u: Array) -> None:
         """Reset the law to the last accepted step; store the contact state at ``u``."""
         self.law.begin_step()
-        self._linear = None
+        self._linear = self._responded = None
         at = self.points(u)
+        touches = at.pressure.any(axis=1)
         if self.linearised:
-            self._linear, self._evaluated = (u.copy(), at.which, at.pressure > 0), None
+            touching = at.which[touches], at.pressure[touches] > 0
+            self._linear, self._evaluated = (u.copy(), *touching), None
         if self.friction:
             self.friction.begin_step(u, self.load, at)
-        self._start.begin(u, self.load, at.which)
+        self._start.begin(u, self.load, at.which[touches])
         self._before = self._weighted_forces(u, at)
 
     def end_step(self, u: Array) -> None:
         """Store the multipliers and the elastic part of the slip, as the step is accepted."""
-        self._linear = None
+        self._linear = self._responded = None
         super().end_step(u)
         if self.friction:
             self.friction.keep(u)
@@ -345,26 +348,18 @@ class ObstaclePair(ContactPair):
 
     def distance(self, x: Array) -> Array:
         """Return the signed distance of positions (n, 3) from the obstacle, (n,) [m]."""
-        return np.asarray(self.obstacle.evaluate(x, self.load)[0])
+        return self.obstacle.distance(x, self.load)
 
     def points(self, u: Array) -> ContactPoints:
-        """Return the points of facets in contact, with the pressures at ``u``.
+        """Return the points of close facets, with the pressures at ``u``.
 
         At the start of a linearised step, pressures are those of the linear branch.
         """
-        at = self._evaluate(u)
-        near, gap = at[:2]
-        _, pressure, k = self.law.response(near, gap)
-        if self._linear and np.array_equal(self._linear[0], u):
-            pressure = np.where(self._on_linear_branch(near), self.law.trial(near, gap), pressure)
-        return _touching(at, Response(pressure**2 / (2 * k), pressure, k))
+        return self._respond(self._evaluate(u), u, mean=False)
 
     def points_of_step(self, u: Array) -> ContactPoints:
         """Return the points with mean pressures over the step, or without means those at u."""
-        if self.mean_weight is None:
-            return self.points(u)
-        at = self._evaluate(u)
-        return _touching(at, self.law.response(*at[:2], self._start.gaps(at[0])))
+        return self._respond(self._evaluate(u), u, self.mean_weight is not None)
 
     def deepest(self, u: Array, search: bool) -> DeepestPoint:
         """Return the deepest point of this rank's close facets.
@@ -372,11 +367,12 @@ class ObstaclePair(ContactPair):
         With ``search``, facets that may be deep between grid points get up to two finer grids.
         """
         near, gap, _, _ = self._evaluate(u)
+        if not len(near):
+            return DeepestPoint()
         sizes = self.surface.sizes[near]
         found = [DeepestPoint.among(gap, sizes, self.surface.positions(u, near))]
         for intervals in (GRID_INTERVALS, *FINE_INTERVALS):
-            grid = facet_grid(self.surface.kind, intervals)
-            x = self.surface.positions_at(grid, u, near)
+            x = self.surface.grid_positions(intervals, u, near)
             gaps = self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])
             found.append(DeepestPoint.among(gaps, sizes, x))
             doubtful = may_be_deep(gaps, x, sizes, intervals)
@@ -399,7 +395,8 @@ class ObstaclePair(ContactPair):
         """Return the energy's derivative by nodal displacements, (local nodes, 3) [N]."""
         r = np.zeros_like(u)
         for which, forces in self._weighted_forces(u, self.points_of_step(u)):
-            self.surface.add_vectors(-forces, which, r)
+            if len(which):
+                self.surface.add_vectors(-forces, which, r)
         if self.mean_weight is not None:
             self._start.add_turn(r)
         return self.weight * r
@@ -427,14 +424,11 @@ class ObstaclePair(ContactPair):
         The Hessians (m, n, n) [N/m], filtered at each point, are of a cell's n displacement dofs.
         """
         at = self.points_of_step(u)
-        stiffness = np.where(at.pressure != 0, at.stiffness, 0.0)
-        curved = -at.pressure[..., None, None] * at.curvature
-        some = curved.any(axis=(-2, -1))  # most obstacles are flat, most points without contact
-        curved[some], count = filter_matrices(curved[some], filter)
-        products = at.normal[..., :, None] * at.normal[..., None, :]
-        hessian = stiffness[..., None, None] * products + curved
-        hessian *= self.weight * self.surface.weights[at.which][..., None, None]
-        return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
+        columns = at.pressure, at.stiffness, at.normal, at.curvature
+        rows, matrices, count = self.surface.loops.contact_matrices(
+            at.which, columns, filter, self.weight
+        )
+        return self.surface.cells[at.which[rows]], matrices, count
 
     def friction_matrices(self, u: Array) -> tuple[Array, Array]:
         """Return cells (m,) and their Hessians of friction (m, n, n) [N/m]: see `matrices`."""
@@ -457,9 +451,9 @@ class ObstaclePair(ContactPair):
             row["sliding"] = self.law.comm.allreduce(self.friction.sliding(u))
         return row
 
-    def _material(self, x: Array) -> Array:
-        """Return the reference positions (n, 3) of the obstacle's material points at x."""
-        return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
+    def _pose(self) -> Pose:
+        """Return the obstacle's present pose."""
+        return self.obstacle.pose(self.load)
 
     def _work_of(self, forces: list[tuple[Array, Array]], before: Array, after: Array) -> float:
         """Return the work of `_weighted_forces` during the obstacle's motion in the step [J].
@@ -477,8 +471,8 @@ class ObstaclePair(ContactPair):
 
         One tuple is for normal contact, a second one, if any, for friction.
         """
-        pressures = self.surface.weights[at.which] * at.pressure
-        found = [(at.which, pressures[..., None] * at.normal)]
+        forces = self.surface.loops.contact_forces(at.which, at.pressure, at.normal)
+        found = [(at.which, forces)]
         if self.friction:
             found.append(self.friction.weighted_forces(u))
         return found
@@ -499,7 +493,24 @@ class ObstaclePair(ContactPair):
             return self.points(u)
         at = self._evaluate(u)
         pressure = np.where(self._on_linear_branch(at[0]), self.law.trial(*at[:2]), 0.0)
-        return _touching(at, Response(pressure, pressure, pressure))
+        return _points(at, Response(pressure, pressure, pressure))
+
+    def _respond(self, at: Evaluated, u: Array, mean: bool) -> ContactPoints:
+        """Return the points of `_evaluate`, with mean pressures over the step if ``mean``.
+
+        The last result is cached.
+        """
+        depends = self.law.version, mean
+        if self._responded is None or self._responded[0] != depends:
+            near, gap = at[:2]
+            found = self.law.response(near, gap, self._start.gaps(near) if mean else None)
+            if not mean and self._linear and same(self._linear[0], u):
+                linear = self._on_linear_branch(near)
+                pressure = np.where(linear, self.law.trial(near, gap), found.pressure)
+                energy = pressure**2 / (2 * found.stiffness)
+                found = Response(energy, pressure, found.stiffness)
+            self._responded = depends, _points(at, found)
+        return self._responded[1]
 
     def _on_linear_branch(self, near: Array) -> Array:
         """Return which points are in contact at the start of a linearised step, (m, points)."""
@@ -508,7 +519,7 @@ class ObstaclePair(ContactPair):
             found[np.searchsorted(near, self._linear[1])] = self._linear[2]
         return found
 
-    def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
+    def _evaluate(self, u: Array) -> Evaluated:
         """Return close facets (m,), and gap, normal and curvature as in `ContactPoints`.
 
         Facets in contact at the step's start are included where the step needs them. The last
@@ -516,7 +527,7 @@ class ObstaclePair(ContactPair):
         """
         depends = self.load if self.obstacle.motion else 0.0, self.mean_weight is None
         if self._evaluated is not None and self._evaluated[1] == depends:
-            if np.array_equal(self._evaluated[0], u):
+            if same(self._evaluated[0], u):
                 return self._evaluated[2]
         near = self._near.at(u)
         if self._linear:
@@ -527,16 +538,15 @@ class ObstaclePair(ContactPair):
         gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
         found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
         self._evaluated = u.copy(), depends, (*found, curvature.reshape(*x.shape, 3))
+        self._responded = None
         return self._evaluated[2]
 
 
-def _touching(at: tuple[Array, Array, Array, Array], response: Response) -> ContactPoints:
-    """Return those facets of `ObstaclePair._evaluate` that have a nonzero pressure at a point."""
+def _points(at: Evaluated, response: Response) -> ContactPoints:
+    """Return the points of the facets of `ObstaclePair._evaluate`."""
     near, gap, normal, curvature = at
     energy, pressure, stiffness = response
-    chosen = (pressure != 0).any(axis=1)
-    columns = near, gap, pressure, normal, curvature, stiffness, energy
-    return ContactPoints(*(column[chosen] for column in columns))
+    return ContactPoints(near, gap, pressure, normal, curvature, stiffness, energy)
 
 
 def obstacle_displacement(

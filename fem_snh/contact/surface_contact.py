@@ -161,7 +161,11 @@ class SurfaceContact(HistoryTerm, ForceTerm):
 
     def _sum(self, values: Any) -> Any:
         """Return the sum over the ranks; if ``gathered``, ``values``, which are the sum already."""
-        return values if self.gathered else self.comm.allreduce(values, op=MPI.SUM)
+        if self.gathered:
+            return values
+        total = np.array(values, float)
+        self.comm.Allreduce(MPI.IN_PLACE, total)
+        return total
 
     def _rows(self, vector: PETSc.Vec) -> Array:
         """Return a writable view of a vector, ghosts included, (local nodes, components)."""

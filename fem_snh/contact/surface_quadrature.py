@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,11 +11,9 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace, Mesh
+from fem_snh.contact.facet_loops import ALL, FacetLoops, Which
 
 Array = npt.NDArray[Any]
-#: Facets of a `SurfaceQuadrature`: their indices, or a slice of all.
-Which = Array | slice
-ALL = slice(None)
 
 #: Distance on the reference facet below which two nodes are the same; nodes are > 1/4 apart.
 _SAME = 1e-6
@@ -113,7 +112,7 @@ class SurfaceQuadrature:
         self._first, self.cell_nodes = numbers[0], numbers[local]
         self.nodes = np.take_along_axis(dofs[self.cells], self.cell_nodes, axis=1)
         first = origins[0] + self.points @ tangents[0]
-        self.basis = _dolfinx.tabulate_values(V, first)[:, numbers[0]]
+        self.basis = self._tabulate(self.points)
         self.derivatives = _dolfinx.tabulate(V, first)[:, numbers[0]] @ tangents[0].T
         self._rule = weights
         self._set_geometry(domain, origins, tangents)
@@ -146,6 +145,13 @@ class SurfaceQuadrature:
     def __len__(self) -> int:
         return len(self.cells)
 
+    @cached_property
+    def loops(self) -> FacetLoops:
+        """The compiled loops over the quadrature points."""
+        size = _dolfinx.num_components(self.V), self._num_cell_nodes
+        columns = self.nodes, self.basis, self.X, self.weights, self.cell_nodes
+        return FacetLoops(*columns, size)
+
     def displacements(self, u: Array, which: Which = ALL) -> Array:
         """Return the displacement at the quadrature points of facets [m].
 
@@ -160,11 +166,11 @@ class SurfaceQuadrature:
         -------
         (m, points, 3)
         """
-        return np.asarray(self.basis @ u[self.nodes[which]])
+        return self.loops.vectors(u, which, deformed=False)
 
     def positions(self, u: Array, which: Which = ALL) -> Array:
         """Return the deformed coordinates x_q(u), (m, points, 3) [m]: see `displacements`."""
-        return np.asarray(self.X[which] + self.displacements(u, which))
+        return self.loops.vectors(u, which, deformed=True)
 
     def deformed_weights(self, u: Array) -> Array:
         """Return the quadrature weights in the deformed configuration, (facets, points) [m^2].
@@ -181,15 +187,29 @@ class SurfaceQuadrature:
             tangents = np.concatenate([tangents, turn[..., None]], axis=-1)
         return np.asarray(np.linalg.norm(cross_tangents(tangents), axis=2) * self._rule)
 
-    def positions_at(self, points: Array, u: Array, which: Which = ALL) -> Array:
-        """Return the deformed coordinates, (m, n, 3) [m], of n points on each of m facets.
+    def grid_positions(self, intervals: int, u: Array, which: Which = ALL) -> Array:
+        """Return the deformed coordinates of `facet_grid` on facets, (m, n, 3) [m].
 
-        ``points`` (n, d) are in the reference facet; ``u`` and ``which`` are as in `displacements`.
+        ``u`` and ``which`` are as in `displacements`.
         """
+        points = facet_grid(self.kind, intervals)
+        if intervals == GRID_INTERVALS:
+            return self._grid.vectors(u, which, deformed=True)
+        x = self._coordinates(points, which)
+        return np.asarray(x + self._tabulate(points) @ u[self.nodes[which]])
+
+    @cached_property
+    def _grid(self) -> FacetLoops:
+        """Loops over the points of the coarsest grid."""
+        points = facet_grid(self.kind)
+        X = self._coordinates(points, ALL)
+        return FacetLoops(self.nodes, self._tabulate(points), X)
+
+    def _tabulate(self, points: Array) -> Array:
+        """Return the shape functions (n, k) at points (n, d) of the reference facet."""
         origins, tangents = _dolfinx.facet_maps(_dolfinx.cell_name(self.V.mesh))
-        first = origins[0] + points @ tangents[0]
-        basis = _dolfinx.tabulate_values(self.V, first)[:, self._first]
-        return np.asarray(self._coordinates(points, which) + basis @ u[self.nodes[which]])
+        table = _dolfinx.tabulate_values(self.V, origins[0] + points @ tangents[0])
+        return np.asarray(table[:, self._first])
 
     def _coordinates(self, points: Array, which: Which) -> Array:
         """Return the coordinates X, (m, n, 3) [m], of points (n, d) in the reference facet."""
@@ -216,36 +236,7 @@ class SurfaceQuadrature:
         out : (local nodes, components)
             Nodal vectors, ghosts included.
         """
-        nodal = self.basis.T @ values
-        nodes = self.nodes[which].ravel()
-        for i in range(out.shape[1]):
-            out[:, i] += np.bincount(nodes, nodal[..., i].ravel(), self.num_nodes)
-
-    def cell_matrices(self, values: Array, which: Which) -> Array:
-        r"""Return :math:`\sum_q N_a(\xi_q) M_q N_b(\xi_q)` as matrices of the facets' cells.
-
-        Parameters
-        ----------
-        values : (m, points, 3, 3)
-            Matrices M_q, times the quadrature weights.
-        which : (m,) int
-            The facets.
-
-        Returns
-        -------
-        (m, n, n)
-            Matrices of all n displacement dofs of ``cells[which]``, node by node, as
-            `fem_snh.assembly.assembled_matrix.BlockMatrix.add_matrices` expects them.
-        """
-        m, (points, k), c = len(values), self.basis.shape, _dolfinx.num_components(self.V)
-        products = (self.basis[:, :, None] * self.basis[:, None]).reshape(points, k * k)
-        entries = values[..., :c, :c].reshape(m, points, c * c)
-        blocks = (products.T @ entries).reshape(m, k, k, c, c)
-        n, nodes = self._num_cell_nodes, self.cell_nodes[which]
-        found = np.zeros((m, n, c, n, c))
-        rows = np.arange(m)[:, None, None]
-        found[rows, nodes[:, :, None], :, nodes[:, None], :] = blocks
-        return found.reshape(m, c * n, c * n)
+        self.loops.add_vectors(values, which, out)
 
 
 def cross_tangents(tangents: Array) -> Array:
@@ -359,6 +350,6 @@ def may_be_deep(gaps: Array, x: Array, sizes: Array, intervals: int) -> Array:
         The grid's intervals along an edge.
     """
     lowest, deep = gaps.min(axis=1, initial=np.inf), -_LEAST * sizes
-    diagonals = np.linalg.norm(np.ptp(x, axis=1), axis=-1)
+    diagonals = np.linalg.norm(x.max(axis=1) - x.min(axis=1), axis=-1)
     found: Array = (lowest > deep) & (lowest < deep + diagonals / (2 * intervals))
     return found

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
+from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, rotated
 
 #: The matrix [A | c] of a bone that does not move.
 IDENTITY: Array = np.eye(3, 4)
@@ -49,6 +49,10 @@ class Pose(NamedTuple):
     def invert(self, x: Array) -> Array:
         """Return the points R^T (x - c) (n, 3): the inverse of `apply` if R is a rotation."""
         return (x - self.translation) @ self.rotation
+
+
+#: The pose of a shape that does not move.
+AT_REST = Pose(np.eye(3), np.zeros(3))
 
 
 class Motion:
@@ -167,8 +171,14 @@ class MovingShape:
     def pose(self, load: float) -> Pose:
         """Return the pose at a load: R (3, 3) and c (3,) [length] of x = R X + c."""
         if self.motion is None:
-            return Pose(np.eye(3), np.zeros(3))
-        return self.motion.pose(load)
+            return AT_REST
+        return self._pose(load)
+
+    @cached_property
+    def _pose(self) -> Callable[[float], Pose]:
+        """The motion's pose, which contact asks for at the same load many times."""
+        assert self.motion
+        return lru_cache(maxsize=4)(self.motion.pose)
 
     def affine(self, load: float) -> list[list[float]]:
         """Return the pose as the three rows [R | c] of a 3x4 matrix, for run.json."""
@@ -189,12 +199,18 @@ class MovingShape:
         Evaluation
             distance (n,) [length], positive outside; gradient (n, 3); hessian (n, 3, 3) [1/length].
         """
+        if not len(x):  # most obstacles are far from a body most of the time
+            return Evaluation(np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)))
         if self.motion is None:
             return self.shape.evaluate(x)
         pose = self.pose(load)
         R = pose.rotation
         distance, gradient, hessian = self.shape.evaluate(pose.invert(x))
-        return Evaluation(distance, gradient @ R.T, R @ hessian @ R.T)
+        return Evaluation(distance, gradient @ R.T, rotated(hessian, R))
+
+    def distance(self, x: Array, load: float) -> Array:
+        """Return the signed distance (n,) [length] of points x (n, 3) at a load: see `evaluate`."""
+        return self.shape.distance(x if self.motion is None else self.pose(load).invert(x))
 
     def displacement(self, x: Array, start: float, end: float) -> Array:
         """Return the displacements between two loads of points that move with the shape.

@@ -82,10 +82,11 @@ def test_vectors_and_matrices_are_those_of_ufl(comm, cell, degree):
     _dolfinx.assemble_vector(expected, _dolfinx.form(c * ufl.dot(M[0, :], test) * ds))
     np.testing.assert_allclose(f.array_r, expected.array_r, atol=1e-14)
     made = create_matrix(V)
+    curvature = np.broadcast_to(MATRIX, (*q.X.shape, 3))
+    columns = -factor, np.zeros_like(factor), np.zeros_like(q.X), curvature
+    rows, matrices, _ = q.loops.contact_matrices(some, columns, "exact", 1.0)
     with made.adding():
-        made.add_matrices(
-            q.cells, q.cell_matrices((q.weights * factor)[..., None, None] * MATRIX, some)
-        )
+        made.add_matrices(q.cells[rows], matrices)
     form = _dolfinx.form(c * ufl.inner(test, ufl.dot(M, trial)) * ds)
     A = _dolfinx.create_matrix(form)
     _dolfinx.assemble_matrix(A, form)

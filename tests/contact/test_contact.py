@@ -82,7 +82,7 @@ def test_facets_near_an_obstacle_are_all_that_touch(comm):
         searches.append(len(x))
         return BALL.evaluate(x, 0.5).distance
 
-    near = NearFacets(surface, X, distance)
+    near = NearFacets(surface, X, distance, lambda: BALL.pose(0.5))
     for size in np.linspace(0, 0.3, 20):
         u = wave(size)(X)
         x = surface.positions(u)

@@ -97,13 +97,13 @@ def test_mean_pressure():
     """It is minus the derivative of its energy, and takes what the energy of contact loses."""
     k, start = 2.0, np.array([-0.3, -0.3, -0.3, 0.2, 0.2, 0.0, 1e-3, 0.4])
     end = np.array([-0.1, 0.1, 30.0, -0.4, -1e-3, -0.2, -0.2, 0.1])
-    energy, pressure, stiffness = mean_pressure(k, start, end)
+    energy, pressure, stiffness = mean_pressure(np.full(8, k), start, end)
     p0, p1 = (np.maximum(-k * gap, 0) for gap in (start, end))
     np.testing.assert_allclose(pressure * (start - end), (p1**2 - p0**2) / (2 * k), rtol=1e-11)
     for i in range(len(start)):
 
         def at(gap, i=i):
-            return mean_pressure(k, start[i], np.asarray(gap))
+            return [found[0] for found in mean_pressure(np.array([k]), start[[i]], np.array([gap]))]
 
         kink = [0.0] if min(start[i], end[i]) < 0 < max(start[i], end[i]) else None
         work = quad(lambda g, at=at: float(at(g)[1]), end[i], start[i], points=kink)[0]

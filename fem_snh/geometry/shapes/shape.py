@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,6 +107,13 @@ def inverse(length: Array) -> Array:
     return np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
 
 
+def rotated(hessian: Array, R: Array) -> Array:
+    """Return R H R^T (n, 3, 3) for symmetric matrices H (n, 3, 3) and a rotation R (3, 3)."""
+    # Two products of tall matrices: ten times as fast as products of many small ones.
+    half = (hessian.reshape(-1, 3) @ R.T).reshape(-1, 3, 3)
+    return (half.swapaxes(1, 2).reshape(-1, 3) @ R.T).reshape(-1, 3, 3)
+
+
 def outer(a: Array, b: Array) -> Array:
     """Return the outer products a b^T (n, 3, 3) of vectors (n, 3)."""
     return a[:, :, None] * b[:, None, :]
@@ -192,7 +200,7 @@ class Box(Shape):
         several = (beyond.sum(axis=1) > 1)[:, None, None]
         hessian = np.where(several, flat * inverse(d)[:, None, None], 0.0)
         return Evaluation(
-            np.where(outside, d, q.max(axis=1)), gradient @ axes.T, axes @ hessian @ axes.T
+            np.where(outside, d, q.max(axis=1)), gradient @ axes.T, rotated(hessian, axes)
         )
 
 
@@ -219,17 +227,25 @@ class Plane(Shape):
     def __post_init__(self) -> None:
         direction("normal", self.normal)
 
+    @cached_property
+    def _n(self) -> Array:
+        """The unit normal."""
+        return direction("normal", self.normal)
+
     @property
     def bounds(self) -> Array:
         """Lowest and highest coordinates, (2, 3)."""
         return np.array([[-np.inf] * 3, [np.inf] * 3])
 
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        return np.asarray((x - np.asarray(self.point)) @ self._n)
+
     def evaluate(self, x: Array) -> Evaluation:
         """Return signed distance, gradient and Hessian at points x (n, 3)."""
-        n = direction("normal", self.normal)
-        return Evaluation(
-            (x - np.asarray(self.point)) @ n, np.tile(n, (len(x), 1)), np.zeros((len(x), 3, 3))
-        )
+        normals = np.empty((len(x), 3))
+        normals[:] = self._n
+        return Evaluation(self.distance(x), normals, np.zeros((len(x), 3, 3)))
 
 
 _X = np.array([1.0, 0.0, 0.0])
@@ -355,7 +371,7 @@ class Cylinder(_Segment):
         margin = np.where(self.infinite, np.inf, self.radius * np.sqrt(1.0 - t**2))
         return around([self.start, self.end], margin)
 
-    @property
+    @cached_property
     def _solid(self) -> tuple[Revolved, Array, Array]:
         """The cylinder about the axis y, its axes as columns (3, 3), and its centre (3,)."""
         t, normal, length = _axis(self.start, self.end)
@@ -374,7 +390,7 @@ class Cylinder(_Segment):
         """Return signed distance, gradient and Hessian at points x (n, 3)."""
         solid, frame, centre = self._solid
         found = solid.evaluate((x - centre) @ frame)
-        hessian = frame @ found.hessian @ frame.T
+        hessian = rotated(found.hessian, frame)
         return Evaluation(found.distance, found.gradient @ frame.T, hessian)
 
 
@@ -423,18 +439,20 @@ class Revolved(Shape):
         """Return signed distance, gradient and Hessian at points x (n, 3)."""
         at = _in_half_plane(x)
         found = self.section.evaluate(at)
-        radial = np.where(at[:, [0]] > 0, x * inverse(at[:, 0])[:, None], [1.0, 0.0, 0.0])
-        radial[:, 1] = 0.0
-        turn = np.cross(radial, [0.0, 1.0, 0.0])
-        #: The directions e_r, e_y, e_theta as rows.
-        frame = np.stack([radial, np.broadcast_to([0.0, 1.0, 0.0], x.shape), turn], axis=1)
-        hessian = found.hessian.copy()
-        hessian[:, 2, 2] = found.gradient[:, 0] * inverse(at[:, 0])
-        return Evaluation(
-            found.distance,
-            np.einsum("nai,na->ni", frame, found.gradient),
-            np.einsum("nai,nab,nbj->nij", frame, hessian, frame),
-        )
+        # The unit vector e_r = (c, 0, s), and e_theta = (-s, 0, c).
+        over_r = inverse(at[:, 0])
+        c, s = np.where(at[:, 0] > 0, x[:, 0] * over_r, 1.0), x[:, 2] * over_r
+        (g_r, g_y, _), H = found.gradient.T, found.hessian
+        turning = g_r * over_r
+        gradient = np.column_stack([g_r * c, g_y, g_r * s])
+        hessian = np.empty((len(x), 3, 3))
+        hessian[:, 0, 0] = H[:, 0, 0] * c**2 + turning * s**2
+        hessian[:, 2, 2] = H[:, 0, 0] * s**2 + turning * c**2
+        hessian[:, 0, 2] = hessian[:, 2, 0] = (H[:, 0, 0] - turning) * c * s
+        hessian[:, 0, 1] = hessian[:, 1, 0] = H[:, 0, 1] * c
+        hessian[:, 1, 2] = hessian[:, 2, 1] = H[:, 0, 1] * s
+        hessian[:, 1, 1] = H[:, 1, 1]
+        return Evaluation(found.distance, gradient, hessian)
 
 
 def _in_half_plane(x: Array) -> Array:
