@@ -1,4 +1,4 @@
-"""The user's cache folder for small records and C declarations, and the time of compilation.
+"""The user's cache folder for records, objects and C declarations, and the time of compilation.
 
 A record's key is a hash of everything that its content depends on, including source files of the
 package, so that no record is ever out of date. Records may be deleted at any time.
@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import json
 import os
+import pickle
 import shutil
 import stat
 import tempfile
@@ -179,6 +180,37 @@ def write(key: str, record: dict[str, Any]) -> None:
         os.replace(written, folder() / written.name)
 
 
+def read_object(name: str) -> Any:
+    """Return the object of `write_object`; None if its file is missing or damaged.
+
+    Raises BadInput for another user's cache.
+    """
+    content = _stored(folder() / name)
+    return None if content is None else pickle.loads(content)
+
+
+def write_object(name: str, value: Any, most: int) -> None:
+    """Store an object in the file ``name``, and remove old files of the same suffix.
+
+    The ``most`` latest files remain. A folder that cannot be written is no error, as in `write`.
+    """
+    target = folder() / name
+    with suppress(OSError):
+        _replace_signed(target, lambda written: written.write_bytes(pickle.dumps(value)))
+        files = sorted(folder().glob(f"*{target.suffix}"), key=lambda path: path.stat().st_mtime)
+        for path in files[:-most]:
+            path.unlink()
+
+
+def _replace_signed(target: Path, write: Callable[[Path], object]) -> None:
+    """Write a file at a temporary path, `sign` it and move it to ``target``. Raises OSError."""
+    with build_folder() as made:
+        written = made / target.name
+        write(written)
+        sign(written)
+        os.replace(written, target)
+
+
 def c_declarations(declarations: str) -> Any:
     """Return an FFI object that knows C declarations. Not collective.
 
@@ -200,23 +232,21 @@ def c_declarations(declarations: str) -> Any:
 
     name = key("declarations", declarations, cffi.__version__)
     target = folder() / f"{name}.py"
-    if (source := _stored_module(target)) is not None:
+    if (source := _stored(target)) is not None:
         return _ffi(source)
     from cffi.recompiler import make_py_source  # "ABI mode, out of line"; slow to import
 
     ffi = cffi.FFI()
     ffi.cdef(declarations)
     # A folder that cannot be written: the next run parses them again.
-    with suppress(OSError), build_folder() as made:
-        written = made / target.name
-        make_py_source(ffi, f"declarations_{name}", str(written))
-        sign(written)
-        os.replace(written, target)
+    with suppress(OSError):
+        module = f"declarations_{name}"
+        _replace_signed(target, lambda written: make_py_source(ffi, module, str(written)))
     return ffi
 
 
-def _stored_module(path: Path) -> bytes | None:
-    """Return the source of a stored module, or None. Raises BadInput for another user's cache."""
+def _stored(path: Path) -> bytes | None:
+    """Return the content of a signed file, or None. Raises BadInput for another user's cache."""
     if not os.path.exists(path):  # also where the folder cannot be searched
         return None
     own_folder()

@@ -10,6 +10,7 @@ import os
 import re
 import threading
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fem_snh import _dolfinx, processes
+from fem_snh.cache import key, read_object, sources, write_object
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose
 from fem_snh.mesh import gmsh_model
@@ -24,6 +26,11 @@ from fem_snh.mesh.gmsh_model import MeshData, SizeField
 
 #: The first bytes of a .msh file; gmsh executes any other text as a script.
 _HEADERS = (b"$MeshFormat", b"$Comments")
+#: Most nodes of all cells of a mesh in the cache: 20,000 hexahedra of 27 nodes, a file of 5 MB.
+#: gmsh takes longer to import than to generate it.
+_LARGEST_STORED = 540_000
+#: Most meshes in the cache.
+_MOST_STORED = 50
 
 
 def source_path(source: str) -> Path:
@@ -45,13 +52,36 @@ def generate(
 ) -> MeshData:
     """Mesh a built-in gmsh source; see `gmsh_model.generate`.
 
-    gmsh executes the source, so ``path`` must be a result of `source_path`.
+    gmsh executes the source, so ``path`` must be a result of `source_path`. The cache has the mesh
+    of an earlier call with the same arguments, as it takes 0.2 s to import gmsh; never one with
+    ``sizes``.
     """
+    name = None if sizes else _name_in_cache(path, cell, parameters)
+    if name and (stored := read_object(name)) is not None:
+        return _in_dolfinx_order(stored)
     arguments = path, cell, parameters, sizes
     if threading.current_thread() is threading.main_thread():
-        return _in_dolfinx_order(gmsh_model.generate(*arguments))
-    # gmsh installs a signal handler, which Python allows in the main thread only.
-    return _in_dolfinx_order(processes.call("gmsh", gmsh_model.generate, *arguments))
+        data = gmsh_model.generate(*arguments)
+    else:  # gmsh installs a signal handler, which Python allows in the main thread only
+        data = processes.call("gmsh", gmsh_model.generate, *arguments)
+    if name and data.cells.size <= _LARGEST_STORED:
+        write_object(name, data, _MOST_STORED)
+    return _in_dolfinx_order(data)
+
+
+def _name_in_cache(path: Path, cell: str, parameters: dict[str, float]) -> str | None:
+    """Return the name of a mesh's file in the cache, None without gmsh.
+
+    The name depends on the source, on gmsh (its Python module's path, time and size, as only an
+    import tells the version), on numpy, which reads the file, and on this folder's modules.
+    """
+    gmsh = find_spec("gmsh")
+    if not gmsh or not gmsh.origin:
+        return None
+    file = os.stat(gmsh.origin)
+    version = gmsh.origin, file.st_mtime_ns, file.st_size, np.__version__
+    text = path.read_text(encoding="utf-8")
+    return f"{key('mesh', text, cell, parameters, version, sources('mesh'))}.mesh"
 
 
 def read(path: str) -> MeshData:
