@@ -14,6 +14,7 @@ values of E and nu.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -388,9 +389,14 @@ def compile_kernel(
     """
 
     def link() -> Compiled:
-        point = _compile_point(material, volume, entries)
-        loops = build.object_file(loops_source(definitions, after))
-        return Compiled(build.linked([loops, point.path, svd_eigen_object()]), point.constants)
+        with ThreadPoolExecutor() as pool:  # the compiler works while sympy generates the point
+            common = [
+                pool.submit(build.object_file, loops_source(definitions, after)),
+                pool.submit(svd_eigen_object),
+            ]
+            point = _compile_point(material, volume, entries)
+        objects = [point.path, *(each.result() for each in common)]
+        return Compiled(build.linked(objects), point.constants)
 
     what = "library", [*definitions], [*after], [*entries]
     return _recorded(_key(material, volume, *what), link)
