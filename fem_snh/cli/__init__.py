@@ -8,7 +8,9 @@ needs them, which keeps the help fast.
 
 from __future__ import annotations
 
+import atexit
 import errno
+import gc
 import io
 import os
 import signal
@@ -50,7 +52,24 @@ _BARRIER_TIMEOUT = 10.0
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line ``argv`` (default: the program's own) and return the exit code."""
-    return exit_code(_dispatch, sys.argv[1:] if argv is None else argv)
+    if argv is None:  # the process ends with this command
+        # Python's last collections would visit all objects: a seventh of a small run's processor
+        # time. Until `start_collector` none visits what is imported.
+        atexit.register(gc.freeze)
+        gc.disable()
+        argv = sys.argv[1:]
+    return exit_code(_dispatch, argv)
+
+
+def start_collector() -> None:
+    """Enable the garbage collector for new objects, if `main` has disabled it.
+
+    Modules stay until the end. To visit their objects repeatedly takes 0.03 s of the 0.6 s of a
+    small run.
+    """
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
 
 
 def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
@@ -127,6 +146,8 @@ def _dispatch(argv: list[str]) -> int:
         return 0
     name = choose("command", argv[0], COMMANDS)
     module = import_module(f"{__name__}.{COMMANDS[name][0]}")
+    if name != "run":  # it has more to import
+        start_collector()
     code: int = getattr(module, name)(argv[1:])
     sys.stdout.flush()
     return code

@@ -93,6 +93,7 @@ def run(argv: list[str]) -> int:
     check()
     from fem_snh.runs import run as solve
 
+    cli.start_collector()
     result = solve(
         scene, out=args.out, overwrite=args.overwrite, resume=args.resume, comm=comm,
         progress=not args.quiet,

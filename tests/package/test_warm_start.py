@@ -51,6 +51,29 @@ def test_a_second_run_imports_only_what_it_needs(folder):
     assert len([name for name in warm if name.startswith("fem_snh.scenes.builtin.")]) == 1
 
 
+COLLECTOR = """
+import gc, sys
+import fem_snh.runs
+from fem_snh.cli import main
+before = gc.get_freeze_count()
+solve = fem_snh.runs.run
+def checked(*arguments, **keywords):
+    print(gc.isenabled(), gc.get_freeze_count() > before)
+    return solve(*arguments, **keywords)
+fem_snh.runs.run = checked
+arguments = "run twist --cells 1 --steps 1 --quiet".split()
+sys.argv[1:] = arguments
+"""
+
+
+@pytest.mark.parametrize("call, frozen", [("main()", True), ("main(arguments)", False)])
+def test_only_the_program_spares_its_modules_the_garbage_collector(call, frozen):
+    """The collector is on during a solve; a program that calls `main` keeps its own settings."""
+    code = [sys.executable, "-c", f"{COLLECTOR}\n{call}"]
+    done = subprocess.run(code, capture_output=True, text=True)
+    assert done.stdout.split()[:2] == ["True", str(frozen)], done.stderr
+
+
 @pytest.mark.parametrize("name", materials.names())
 def test_stored_numbers_are_those_of_the_energy_to_the_last_bit(folder, name):
     assert stored(name, 3e4, 0.3) is None
