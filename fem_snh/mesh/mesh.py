@@ -20,7 +20,7 @@ from fem_snh import _dolfinx
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose, on_every, on_root, suggestion_for
 from fem_snh.files import is_shape
-from fem_snh.mesh import gmsh_input, xdmf_input
+from fem_snh.mesh import gmsh_input
 from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, NodeCopies, PhysicalGroup, Skin
 from fem_snh.mesh.mesh_checks import check_geometry
 
@@ -182,6 +182,8 @@ def read(comm: MPI.Comm, path: str | Path, cells: int = DEFAULT_CELLS) -> Mesh:
         return distribute(comm, f"mesh '{path}'", gmsh_input.mesh_shape, str(path), cells)
     if Path(path).suffix.lower() != XDMF:
         return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
+    from fem_snh.mesh import xdmf_input
+
     try:
         domain, found = xdmf_input.read(comm, Path(path), DIMENSIONS)
     except BadInput as error:

@@ -39,7 +39,6 @@ from fem_snh.linalg.direct_solver import is_symmetric
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
-from fem_snh.problem.mixed.taylor_hood import PressureBlock
 from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import Paths, regime_of
 from fem_snh.solver.protocol import Regime
@@ -51,6 +50,7 @@ from fem_snh.terms.term import CouplingTerm, StepLimit, Term
 
 if TYPE_CHECKING:
     from fem_snh.problem.definition import Definition
+    from fem_snh.problem.mixed.taylor_hood import PressureBlock
     from fem_snh.terms.rigid_parts import RigidParts
 
 Array = npt.NDArray[Any]
@@ -193,6 +193,8 @@ class Problem:
             self.constrained_dofs = np.union1d(self.constrained_dofs, eliminated)
         self.saddle_point: PressureBlock | None = None
         if isinstance(unknowns, DisplacementPressure):
+            from fem_snh.problem.mixed.taylor_hood import PressureBlock
+
             idle = np.flatnonzero(~nodes_of_other_cells(unknowns.Q, self.rigid_cells))
             self.matrix.idle = self.owned_displacements + idle
             self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A, idle)

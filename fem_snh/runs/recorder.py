@@ -14,7 +14,6 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.records.run_record import NOTES_ON_PATH, Note, Record
 from fem_snh.runs.checkpoint import CheckpointWriter
 from fem_snh.runs.folder import Folder
-from fem_snh.runs.output.fields import Fields, write_modes
 from fem_snh.steps.jump_detection import jump_notes
 
 if TYPE_CHECKING:
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from fem_snh.accuracy.path_errors import GoalHistory
     from fem_snh.problem.goals import Goal
     from fem_snh.problem.modes import VibrationModes
+    from fem_snh.runs.output.fields import Fields
     from fem_snh.runs.scene_goals import GoalStates
     from fem_snh.runs.setup import Setup
 
@@ -94,6 +94,8 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
+            from fem_snh.runs.output.fields import Fields
+
             names = [name for goal in goals for name in goal.asked]
             path, resumed = folder.path / "fields.pvd", earlier is not None
             self._fields = Fields(path, setup, resumed, names)
@@ -144,6 +146,8 @@ class Recorder:
         self.record["modes"] = modes.record
         self._seconds = self._seconds | {"modes": modes.seconds}
         if self._folder:
+            from fem_snh.runs.output.fields import write_modes
+
             write_modes(self._folder.path / "modes.pvd", self._problem, modes)
         self._output += watch.seconds
 

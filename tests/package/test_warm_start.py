@@ -46,8 +46,8 @@ def test_a_second_run_imports_only_what_it_needs(folder):
     warm = imported()
     # dolfinx 0.9 imports pycparser itself.
     assert sorted(warm & SLOW - imported(BASELINE)) == [] and "sympy" not in warm
-    # 202 are modules of this package (folders do not count): each table of a scene is one.
-    assert len([name for name in warm if name.startswith("fem_snh")]) < 203
+    # 115 are modules of this package (folders do not count).
+    assert len([name for name in warm if name.startswith("fem_snh")]) < 116
     assert len([name for name in warm if name.startswith("fem_snh.scenes.builtin.")]) == 1
 
 
