@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from math import comb, factorial
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import Mesh
+from fem_snh.kernels import build
 
 Array = npt.NDArray[Any]
 
@@ -22,8 +24,6 @@ _INSIDE = 1e-8
 #: Points up to this far outside of reference cells are compared with all these cells, not only with
 #: the cell of the nearest centre: a curved surface has points outside of all cells.
 _MARGIN = 0.25
-#: Up to this number, points (such as probes) are compared with the boxes of all cells.
-_FEW = 16
 _SIMPLICES = "triangle", "tetrahedron"
 
 
@@ -61,8 +61,8 @@ class CellSearch:
 
     def __init__(self, kind: str, degree: int, nodes: Array) -> None:
         self.nodes, self._kind, self._degree = nodes, kind, degree
-        self._center = _dolfinx.reference_corners(kind).mean(axis=0)
         self._control = _control_points(kind, degree)
+        self._map = CellMap(kind, degree)
 
     def find(
         self,
@@ -137,9 +137,12 @@ class CellSearch:
             search(lost, _tree(centers).query(points[lost])[1])
         return cells, xi, outside
 
-    def tabulate(self, xi: Array) -> Array:
-        """Return shape functions and their derivatives at points (n, dim), (1 + dim, n, k)."""
-        return _dolfinx.tabulate_element(self._kind, self._degree, xi, 1)
+    def evaluate(self, x: Array, cells: Array, xi: Array) -> tuple[Array, Array]:
+        """Return positions (n, dim) and det dx/dxi (n,) at ``xi`` (n, dim) in ``cells`` (n,).
+
+        ``x`` (nodes, dim) are the positions of the nodes.
+        """
+        return self._map.evaluate(x[self.nodes[cells]], xi)
 
     def invert(self, x: Array, points: Array, cells: Array) -> tuple[Array, Array, Array]:
         """Return the reference coordinates of each point in one given cell.
@@ -155,26 +158,7 @@ class CellSearch:
         found : (n,) bool
             Whether Newton's method converged.
         """
-        xi = np.broadcast_to(self._center, points.shape).copy()
-        y = x[self.nodes[cells]]
-        found, size = np.zeros(len(points), bool), np.ptp(y, axis=1).max(axis=1)
-        left = np.arange(len(points))
-        for _ in range(_ITERATIONS):
-            table = self.tabulate(xi[left])
-            rest = points[left] - np.einsum("nk,nki->ni", table[0], y[left])
-            derivative = jacobian(table, y[left])
-            done = np.linalg.norm(rest, axis=1) <= _RESIDUAL * size[left]
-            found[left[done]] = True
-            flat = np.finfo(float).eps * size[left] ** len(self._center)
-            regular = np.abs(np.linalg.det(derivative)) > flat
-            step = np.linalg.solve(derivative[regular], rest[regular][..., None])[..., 0]
-            moved = left[regular]
-            xi[moved] = np.clip(xi[moved] + step, self._center - _RANGE, self._center + _RANGE)
-            left = left[regular & ~done]
-            if not len(left):
-                break
-        upper = xi.sum(axis=1) if self._kind in _SIMPLICES else xi.max(axis=1)
-        return xi, np.maximum(-xi.min(axis=1), upper - 1), found
+        return self._map.invert(x[self.nodes[cells]], points)
 
     def _candidates(self, x: Array, points: Array, margin: float) -> tuple[Array, Array]:
         """Return pairs of a point (m,) and a cell (m,) whose enlarged box contains the point."""
@@ -184,21 +168,88 @@ class CellSearch:
         corners = np.einsum("bk,cki->cbi", self._control, x[self.nodes])
         low, high = corners.min(axis=1), corners.max(axis=1)
         middle, half = (low + high) / 2, (0.5 + margin) * (high - low)
-        # Most cells of a large body are far from its surface's points, and most pairs far apart.
+        # Most cells of a large body are far from its surface's points.
         first, last = points.min(axis=0), points.max(axis=0)
         close = np.flatnonzero(((middle + half >= first) & (middle - half <= last)).all(axis=1))
-        if len(points) <= _FEW:
-            apart = np.abs(points[:, None] - middle[close])
-            point, number = np.nonzero((apart <= half[close]).all(axis=2))
-            return point, close[number]
-        near = _tree(points).query_ball_point(
-            middle[close], half[close].max(axis=1), p=np.inf, return_sorted=False
+        point, box = points_in_boxes(
+            points, middle[close] - half[close], middle[close] + half[close]
         )
-        counts = np.fromiter(map(len, near), int, len(near))
-        cell = np.repeat(close, counts)
-        point = np.concatenate([none, *(found for found in near if found)]).astype(int)
-        inside = (np.abs(points[point] - middle[cell]) <= half[cell]).all(axis=1)
-        return point[inside], cell[inside]
+        return point, close[box]
+
+
+@functools.cache
+def _library() -> Any:
+    """Open the library, compiled unless the cache has it. Not collective."""
+    values = {"ITERATIONS": _ITERATIONS, "RANGE": _RANGE, "RESIDUAL": _RESIDUAL}
+    definitions = [f"#define {name} {value}" for name, value in values.items()]
+    return build.open_library(["cell_search_api.h"], ["cell_search_kernels.h"], definitions)
+
+
+def _in(array: Array, dtype: Any = np.float64) -> Any:
+    """Return a C pointer to the array's values, which the pointer keeps alive."""
+    return build.pointer(_library()[0], np.ascontiguousarray(array, dtype))
+
+
+def points_in_boxes(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return all pairs of a point and a box around it: two arrays (k,) int, box by box.
+
+    ``points`` (n, dim), and the boxes' lowest and highest coordinates (m, dim).
+    """
+    count, room, (n, d) = 0, len(points), points.shape
+    while True:
+        point, box = np.empty((2, room), np.int32)
+        count = _library()[1].points_in_boxes(
+            d, n, _in(points), len(low), _in(low), _in(high), room,
+            _in(point, np.int32), _in(box, np.int32),
+        )  # fmt: skip
+        if count <= room:
+            return point[:count].astype(int), box[:count].astype(int)
+        room = count
+
+
+class CellMap:
+    """The map from a reference cell to a cell, for many cells at a time.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of cell.
+    degree : int
+        Degree of the shape functions, 1 to 3.
+    """
+
+    def __init__(self, kind: str, degree: int) -> None:
+        nodes = _dolfinx.reference_nodes(kind, degree)
+        powers = np.indices((degree + 1,) * nodes.shape[1]).reshape(nodes.shape[1], -1).T
+        if kind in _SIMPLICES:
+            powers = powers[powers.sum(axis=1) <= degree]
+        # Of centred coordinates, for which the matrix is well conditioned.
+        monomials = ((2 * nodes - 1)[:, None] ** powers).prod(axis=2)
+        self._center = _dolfinx.reference_corners(kind).mean(axis=0)
+        self._map = _library()[0].new("CellMap *")
+        self._kept = _in(powers, np.int32), _in(np.linalg.inv(monomials))
+        self._map.d, self._map.k = nodes.shape[1], len(nodes)
+        self._map.simplex = kind in _SIMPLICES
+        self._map.power, self._map.coefficient = self._kept
+
+    def evaluate(self, y: Array, xi: Array) -> tuple[Array, Array]:
+        """Return positions (n, dim) and det dx/dxi (n,) at ``xi`` (n, dim) in n cells.
+
+        ``y`` (n, k, dim) are the positions of the cells' nodes.
+        """
+        x, det = np.empty_like(xi), np.empty(len(xi))
+        _library()[1].map_points(self._map, len(xi), _in(y), _in(xi), _in(x), _in(det))
+        return x, det
+
+    def invert(self, y: Array, x: Array) -> tuple[Array, Array, Array]:
+        """Return `CellSearch.invert` of points x (n, dim) in cells with nodes at y (n, k, dim)."""
+        xi, outside = np.empty(x.shape), np.empty(len(x))
+        found = np.empty(len(x), np.uint8)
+        _library()[1].invert_map(
+            self._map, len(x), _in(y), _in(x), _in(self._center), _in(xi), _in(outside),
+            build.pointer(_library()[0], found),
+        )  # fmt: skip
+        return xi, outside, found.astype(bool)
 
 
 def locate(domain: Mesh, points: Array) -> tuple[Array, Array, Array]:
@@ -216,11 +267,6 @@ def _tree(points: Array) -> Any:
     from scipy.spatial import cKDTree  # takes longer to import than a small solve
 
     return cKDTree(points)
-
-
-def jacobian(table: Array, x: Array) -> Array:
-    """Return dx_i/dxi_j (n, dim, dim) from `CellSearch.tabulate` and node positions (n, k, dim)."""
-    return np.einsum("jnk,nki->nij", table[1:], x)
 
 
 def _control_points(kind: str, degree: int) -> Array:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix, identity, kron
+from scipy.sparse import csr_matrix, diags, identity, kron
 from scipy.spatial import Delaunay
 
 from fem_snh import _dolfinx
@@ -484,7 +484,23 @@ class SurfaceMatrix:
 
     def blocks(self, matrix: Any) -> Blocks:
         """Return this rank's rows of W^T M W, for a sparse matrix M of the points, (c n, c n)."""
-        found = csr_matrix(self._own_map @ (matrix @ self._map)).tobsr((self._components,) * 2)
+        return self._blocks(self._own_map @ (matrix @ self._map))
+
+    def nodal(self, derivatives: Any) -> csr_matrix:
+        """Return derivatives by the points' positions (n, c points) as those by the nodes'."""
+        return csr_matrix(derivatives @ self._map)
+
+    def products(self, derivatives: csr_matrix, factors: Array) -> Blocks:
+        """Return this rank's rows of G^T diag(k) G for `nodal` derivatives G and factors k (n,)."""
+        own = derivatives
+        if len(self._own) < len(self._nodes):
+            c = self._components
+            own = derivatives[:, (c * self._own[:, None] + np.arange(c)).ravel()]
+        return self._blocks(own.T @ (diags(factors) @ derivatives))
+
+    def _blocks(self, rows: Any) -> Blocks:
+        """Return the blocks of this rank's rows, a sparse matrix (c own nodes, c nodes)."""
+        found = csr_matrix(rows).tobsr((self._components,) * 2)
         rows = self._own[np.repeat(np.arange(len(self._own)), np.diff(found.indptr))]
         return Blocks(rows, found.indices, found.data)
 

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from fem_snh._dolfinx import FunctionSpace
@@ -23,7 +23,8 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.gathered_surface import EmbeddedSurface
+from fem_snh.contact.closest_points import Normals, PseudoNormals, intersect
+from fem_snh.contact.gathered_surface import Blocks, EmbeddedSurface, SurfaceMatrix
 from fem_snh.contact.samples import (
     OUTSIDE,
     SHARP,
@@ -33,7 +34,6 @@ from fem_snh.contact.samples import (
     body_numbers,
     cell_sizes,
     cell_stiffness,
-    intersect,
     smallest_at_points,
     surface_values,
     triangle_areas,
@@ -41,7 +41,6 @@ from fem_snh.contact.samples import (
 from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
 from fem_snh.errors import choose
-from fem_snh.geometry.closest_points import PseudoNormals, triangle_normals
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.history import LaggedChange, relative
 
@@ -165,39 +164,64 @@ class ContactSprings:
 
     def gaps(self, x: Array) -> Array:
         """Return the gaps (n,) [m], negative in contact, at positions x (points, 3)."""
-        return np.asarray(self._derivatives @ x.ravel())
-
-    def energy(self, x: Array) -> float:
-        """Return the energy [J]."""
-        return float(self.stiffness @ np.minimum(self.gaps(x), 0.0) ** 2) / 2
-
-    def forces(self, x: Array) -> Array:
-        """Return the magnitudes of the springs' forces, (n,) [N]: 0 without contact."""
-        return np.asarray(-self.stiffness * np.minimum(self.gaps(x), 0.0))
-
-    def gradient(self, x: Array) -> Array:
-        """Return the energy's derivative by the points' positions, (points, 3) [N]."""
-        return np.asarray(-(self._derivatives.T @ self.forces(x)).reshape(x.shape))
-
-    def hessian(self, x: Array) -> csr_matrix:
-        """Return the energy's Hessian by the points' positions, (3 points, 3 points) [N/m]."""
-        acting = np.flatnonzero(self.gaps(x) < 0)
-        gaps = self._derivatives[acting]
-        return csr_matrix(gaps.T @ (diags(self.stiffness[acting]) @ gaps))
-
-    def pattern(self) -> csr_matrix:
-        """Return a nonnegative matrix with the entries of `hessian` if all pairs touched."""
-        gaps = abs(self._derivatives)
-        return csr_matrix(gaps.T @ gaps)
+        return np.asarray(self.derivatives @ x.ravel())
 
     @cached_property
-    def _derivatives(self) -> csr_matrix:
+    def derivatives(self) -> csr_matrix:
         """Return the derivatives of the gaps by the points' positions, (n, 3 points). Cached."""
         values, dim = self.factors[..., None] * self.normal[:, None], self.normal.shape[1]
         columns = dim * self.corners[..., None] + np.arange(dim)
         indptr = np.arange(len(self) + 1) * 2 * dim**2
         shape = (len(self), dim * self.num_points)
         return csr_matrix((values.ravel(), columns.ravel(), indptr), shape=shape)
+
+
+class NodalSprings:
+    """`ContactSprings` as functions of displacements v (m, dim) [m] of the surface's support.
+
+    The gaps are linear in v, so that no evaluation needs the surface's points.
+
+    Parameters
+    ----------
+    springs : ContactSprings
+        The springs.
+    surface : EmbeddedSurface
+        The surface.
+    matrix : SurfaceMatrix
+        The matrix of the surface.
+    """
+
+    def __init__(
+        self, springs: ContactSprings, surface: EmbeddedSurface, matrix: SurfaceMatrix
+    ) -> None:
+        self._matrix, self._stiffness = matrix, springs.stiffness
+        self._derivatives = matrix.nodal(springs.derivatives)
+        self._gaps = springs.gaps(surface.points[:, : springs.normal.shape[1]])
+
+    def gaps(self, v: Array) -> Array:
+        """Return the gaps (n,) [m], negative in contact."""
+        return np.asarray(self._gaps + self._derivatives @ v.ravel())
+
+    def energy(self, v: Array) -> float:
+        """Return the energy [J]."""
+        return float(self._stiffness @ np.minimum(self.gaps(v), 0.0) ** 2) / 2
+
+    def forces(self, v: Array) -> Array:
+        """Return the magnitudes of the springs' forces, (n,) [N]: 0 without contact."""
+        return np.asarray(-self._stiffness * np.minimum(self.gaps(v), 0.0))
+
+    def gradient(self, v: Array) -> Array:
+        """Return the energy's derivative by v, (m, dim) [N]."""
+        return np.asarray(-(self._derivatives.T @ self.forces(v)).reshape(v.shape))
+
+    def hessian(self, v: Array) -> Blocks:
+        """Return this rank's rows of the energy's Hessian by v [N/m]."""
+        acting = np.flatnonzero(self.gaps(v) < 0)
+        return self._matrix.products(self._derivatives[acting], self._stiffness[acting])
+
+    def pattern(self) -> Blocks:
+        """Return nonnegative blocks with the entries of `hessian` if all pairs touched."""
+        return self._matrix.products(abs(self._derivatives), np.ones(len(self._stiffness)))
 
 
 class TargetSearch:
@@ -279,8 +303,8 @@ class TargetSearch:
             The positions of the surface's points [m].
         """
         samples, triangles = self.samples, self._surface.triangles
-        points, outward = samples.at(x), triangle_normals(x, triangles)
-        normals = self._normals.at(x, samples.triangle, samples.coordinates)
+        points, surface = samples.at(x), self._normals.of(x)
+        outward, normals = surface.outward, surface.at(samples.triangle, samples.coordinates)
         hits = np.concatenate(self._comm.allgather(self._own_hits(u, x, points, normals, outward)))
         hits = _without_repeated(hits)
         others = self._approaching(x, points, normals, outward, hits[:, 0])
@@ -290,7 +314,7 @@ class TargetSearch:
         sample, target, coordinates = hits[:, 0].astype(int), hits[:, 1].astype(int), hits[:, 2:]
         corners = np.concatenate([triangles[samples.triangle[sample]], triangles[target]], axis=1)
         factors = np.concatenate([samples.coordinates[sample], -coordinates], axis=1)
-        normal = self._target_normals(x, sample, points[sample], target, coordinates, outward)
+        normal = self._target_normals(x, sample, points[sample], target, coordinates, surface)
         areas = samples.facing(sample, normal, outward)
         springs = self._springs(corners, factors, areas)
         pairs = ContactSprings(len(x), sample, target, corners, factors, normal, springs)
@@ -308,7 +332,7 @@ class TargetSearch:
         crossing = pairs.sample >= len(self.samples)
         inside = pairs[np.flatnonzero((gaps < 0) & ~crossing)]
         points, none = inside.ends(x)[0], np.zeros(len(inside))
-        outward = triangle_normals(x, self._surface.triangles)
+        outward = self._normals.of(x).outward
         target, place = self._closer.move(points, 0 * points, none, inside.target, x, outward)
         closest = surface_values(x, self._surface.triangles[target], place)
         depths = np.linalg.norm(points - closest, axis=1)
@@ -336,7 +360,7 @@ class TargetSearch:
         points: Array,
         target: Array,
         coordinates: Array,
-        outward: Array,
+        surface: Normals,
     ) -> Array:
         """Return the unit normals (n, dim) of the surface at targets.
 
@@ -344,8 +368,11 @@ class TargetSearch:
         the normal is the edge's or corner's. Otherwise it is averaged over smoothly adjacent
         triangles, so that it does not jump where a sample slides from triangle to triangle.
         """
-        smooth = self._normals.averaged(x, target, coordinates, SHARP)
-        edges = self._normals.at(x, target, coordinates)
+        smooth, edges = (
+            surface.averaged(target, coordinates, SHARP),
+            surface.at(target, coordinates),
+        )
+        outward = surface.outward
         arm = points - surface_values(x, self._surface.triangles[target], coordinates)
         across = arm - np.einsum("ni,ni->n", arm, outward[target])[:, None] * outward[target]
         beyond = np.linalg.norm(across, axis=1) > _BESIDE * self._sample_sizes[sample]
@@ -361,24 +388,24 @@ class TargetSearch:
         """
 
         def excluded(sample: Array, cell: Array) -> Array:
-            return intersect(self._around[sample], self._near.cells[cell])
+            return intersect(self._around, sample, self._near.cells, cell)
 
         hits, X = self._cells.find(u, points, excluded)
         sample, size, bodies = hits.point, self._sizes[hits.cell], self._cell_bodies[hits.cell]
-        own, normals, around = points[sample], normals[sample], self._around[sample]
+        own, normals = points[sample], normals[sample]
         sizes = self._sample_sizes[sample]
         found = self._reference.closest(X, bodies, normals, sizes, outward)
         target, depth = found.triangle, found.depth
         kept = depth >= -OUTSIDE * size
         # Below its own part of the surface a sample is in a compressed cell, not in contact.
         for triangle in (found.nearest, target):
-            kept &= ~intersect(around, self._near.triangles[triangle])
+            kept &= ~intersect(self._around, sample, self._near.triangles, triangle)
         if self._overlap:
             # A target in the sample's own part of the body, if it is closer than the edge of a
             # cube, is on a cube that touches the sample's one.
             kept &= (depth > size) | self._near.share(target, hits.cell)
         target, coordinates = self._closer.move(own, normals, sizes, target, x, outward)
-        kept &= ~intersect(around, self._near.triangles[target])
+        kept &= ~intersect(self._around, sample, self._near.triangles, target)
         columns = (sample, np.maximum(hits.outside, 0.0), size, target)
         rows = np.column_stack([*columns, coordinates, X])
         return np.asarray(rows[kept].reshape(-1, 4 + 2 * self._dim))
@@ -398,7 +425,7 @@ class TargetSearch:
         owner, corners = chosen[rows], x[self._surface.triangles]
         found = approaching(points[owner], directions, corners, outward, _APPROACH * self.size)
         sample = owner[found.sample]
-        apart = ~intersect(self._around[sample], self._near.triangles[found.triangle])
+        apart = ~intersect(self._around, sample, self._near.triangles, found.triangle)
         order = np.lexsort((found.distance, sample))
         order = order[apart[order]]
         _, closest = np.unique(sample[order], return_index=True)
@@ -410,7 +437,7 @@ class TargetSearch:
         """Return the springs between edges that cross, or may cross in the next solve."""
         edges, triangles = self._edges, self._surface.triangles
         found = edges.crossings(x, outward, _APPROACH * self.size)
-        apart = ~intersect(self._around_edges[found.first], self._around_edges[found.second])
+        apart = ~intersect(self._around_edges, found.first, self._around_edges, found.second)
         first, second, places, normal, facing = (column[apart] for column in found)
         corners, factors = [], []
         for edge, place, sign in ((first, places[:, 0], 1), (second, places[:, 1], -1)):
@@ -639,6 +666,7 @@ class ReferenceContact(SelfContactTerm):
 
     springs: ContactSprings
     _coupled: bool
+    _nodal_springs: NodalSprings
 
     def __init__(
         self,
@@ -673,7 +701,7 @@ class ReferenceContact(SelfContactTerm):
         self.configuration(u)
         if not self._coupled:
             self._coupled = True
-            pattern = self._matrix.blocks(self.springs.pattern())
+            pattern = self._nodal_springs.pattern()
             if not self._matrix.contains(pattern):
                 self._matrix.replace(pattern)
         return self._matrix.pairs
@@ -683,8 +711,8 @@ class ReferenceContact(SelfContactTerm):
     ) -> int:
         """Add the Hessian, which is positive semidefinite: nothing is filtered. Collective."""
         choose("filter", filter, FILTERS)
-        x = self.configuration(u)
-        self._matrix.add(self._matrix.blocks(self.springs.hessian(x)), target)
+        v = self.configuration(u)
+        self._matrix.add(self._nodal_springs.hessian(v), target)
         return 0
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
@@ -694,11 +722,11 @@ class ReferenceContact(SelfContactTerm):
         surface after the last solve; ``force`` [N], the sum of the magnitudes of the springs'
         forces; ``stiffness`` [Pa/m], the mean over the surface.
         """
-        x = self.configuration(u)
+        v = self.configuration(u)
         row = {
-            "pairs": int((self.springs.gaps(x) < 0).sum()),
+            "pairs": int((self._nodal_springs.gaps(v) < 0).sum()),
             "penetration": self._penetration,
-            "force": float(self.springs.forces(x).sum()),
+            "force": float(self._nodal_springs.forces(v).sum()),
             "stiffness": self._search.stiffness,
         }
         return {"self_contact": row}
@@ -713,9 +741,9 @@ class ReferenceContact(SelfContactTerm):
         forces : (n,)
             Magnitudes of the springs' forces [N].
         """
-        x = self.configuration(u)
-        forces = self.springs.forces(x)
-        samples, targets = self.springs.ends(self.surface.points[:, : x.shape[1]])
+        v = self.configuration(u)
+        forces = self._nodal_springs.forces(v)
+        samples, targets = self.springs.ends(self.surface.points[:, : v.shape[1]])
         return samples[forces > 0], targets[forces > 0], forces[forces > 0]
 
     def begin_step(self, u: PETSc.Vec) -> None:
@@ -730,13 +758,13 @@ class ReferenceContact(SelfContactTerm):
 
         The springs change only if the forces have not settled.
         """
-        x = self.configuration(u)
-        before = self.surface.nodal(self.springs.gradient(x))
+        v, x = self.configuration(u), self.surface.positions(self._nodal(u))
+        before = self._nodal_springs.gradient(v)
         self._searches += 1
         new = self._search.find(self._nodal(u), x)
         self._penetration = self._search.penetration(new, x)
         updated = self._updated(new, x)
-        after = self.surface.nodal(updated.gradient(x))
+        after = NodalSprings(updated, self.surface, self._matrix).gradient(v)
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         ratio = relative(np.abs(after - before).max(initial=0.0), largest, _SETTLED)
         change = LaggedChange(ratio, "self_contact: the change of forces by another search")
@@ -758,13 +786,21 @@ class ReferenceContact(SelfContactTerm):
         return new.joined(old[kept])
 
     def _set_springs(self, springs: ContactSprings) -> None:
-        self.springs, self.pairs = springs, [springs]
-        self._coupled = False
+        self.springs = springs
+        self._nodal_springs = NodalSprings(springs, self.surface, self._matrix)
+        self.pairs, self._coupled = [self._nodal_springs], False
 
     def configuration(self, u: PETSc.Vec) -> Array:
-        """Return the surface points' positions (n, dim) [m]; search if it is due. Collective."""
-        x = super().configuration(u)
+        """Return the displacements (m, dim) [m] of the surface's support. Collective.
+
+        If a search is due, it is done.
+        """
+        nodal = self._nodal(u)
         if self._stale:
             self._stale = False
-            self._set_springs(self._search.find(self._nodal(u), x))
-        return x
+            self._set_springs(self._search.find(nodal, self.surface.positions(nodal)))
+        return self.surface.support.gather(nodal)
+
+    def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:
+        """Add vectors (m, c) of the surface's support to a ghosted vector. Collective."""
+        self.surface.support.add_own(values, self._rows(vector))

@@ -12,8 +12,9 @@ from scipy.sparse.csgraph import connected_components
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
-from fem_snh.assembly.cell_search import CellSearch, Hits, jacobian
+from fem_snh.assembly.cell_search import CellSearch, Hits
 from fem_snh.assembly.regions import Region
+from fem_snh.contact.closest_points import intersect
 from fem_snh.contact.gathered_surface import EmbeddedSurface
 from fem_snh.contact.law import cell_moduli
 from fem_snh.mesh.mesh import cell_volumes
@@ -243,23 +244,25 @@ class Neighbourhood:
         ``points`` (n, k) are the points of each of n sets. ``used`` (n, k) bool tells which of them
         count; default: all.
         """
-        return _incidence(points, self._points.shape[0], used) @ self._points
+        found = csr_matrix(_incidence(points, self._points.shape[0], used) @ self._points)
+        found.eliminate_zeros()
+        found.sort_indices()
+        return found
 
     def share(self, triangle: Array, cell: Array) -> Array:
         """Return whether each triangle and cell, by number (n,), share a vertex, (n,) bool."""
-        return intersect(self.triangles[triangle], self.cells[cell])
+        return intersect(self.triangles, triangle, self.cells, cell)
 
 
 def _incidence(columns: Array, size: int, used: Array | None = None) -> csr_matrix:
     """Return the matrix (n, size) of bool that is true in the columns (n, k) of each row."""
     n, k = columns.shape
     values = np.ones(n * k, bool) if used is None else used.ravel()
-    return csr_matrix((values, columns.ravel(), np.arange(n + 1) * k), shape=(n, size))
-
-
-def intersect(a: csr_matrix, b: csr_matrix) -> Array:
-    """Return whether row i of a and row i of b have a common true entry, (n,) bool."""
-    return np.asarray(a.multiply(b).sum(axis=1)).ravel() > 0
+    starts = np.arange(n + 1) * k
+    found = csr_matrix((values, columns.flatten(), starts), shape=(n, size))  # a copy is sorted
+    found.sum_duplicates()  # sorts, too
+    found.eliminate_zeros()
+    return found
 
 
 def body_numbers(V: FunctionSpace) -> Array:
@@ -325,8 +328,8 @@ class DeformedCells:
         """
         x = self._X + u
         hits = self._search.find(x, points, OUTSIDE, excluded)
-        nodes, table = self.nodes[hits.cell], self._search.tabulate(hits.xi)
-        det = [np.linalg.det(jacobian(table, values[nodes])) for values in (self._X, x)]
-        upright = det[0] * det[1] > 0
-        X = np.einsum("nk,nki->ni", table[0], self._X[nodes])
+        (X, before), (_, after) = (
+            self._search.evaluate(values, hits.cell, hits.xi) for values in (self._X, x)
+        )
+        upright = before * after > 0
         return Hits(*(values[upright] for values in hits)), X[upright]

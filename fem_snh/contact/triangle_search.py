@@ -34,62 +34,14 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from fem_snh.contact.closest_points import PseudoNormals, Triangles
 from fem_snh.contact.gathered_surface import FacetShape, Side
 from fem_snh.contact.surface_quadrature import cross_tangents
-from fem_snh.geometry.closest_points import PseudoNormals, closest_points
 
 Array = npt.NDArray[Any]
 
 #: Points times triangles that are examined at a time, which bounds the memory.
 _BATCH = 200_000
-
-
-class Candidates(NamedTuple):
-    """The k triangles that are examined for each of n points.
-
-    Attributes
-    ----------
-    triangle : (n, k) int
-        The triangles.
-    coordinates : (n, k, corners)
-        Barycentric coordinates of the point of each triangle that is closest to the given point.
-    arm : (n, k, 3)
-        The given points minus these closest points [m].
-    distance : (n, k)
-        The lengths of the arms [m].
-    cosine : (n, k)
-        The cosines of the triangles' outward normals with the given points' normals.
-    """
-
-    triangle: Array
-    coordinates: Array
-    arm: Array
-    distance: Array
-    cosine: Array
-
-    @classmethod
-    def examine(
-        cls, points: Array, normals: Array, triangle: Array, corners: Array, outward: Array
-    ) -> Candidates:
-        """Return the candidates of given triangles.
-
-        Parameters
-        ----------
-        points, normals : (n, 3)
-            Positions [m] and unit normals of the points.
-        triangle : (n, k) int
-            The triangles to examine for each point.
-        corners, outward : (m, corners, 3), (m, 3)
-            Corners [m] and outward unit normals of all triangles.
-        """
-        coordinates, arm = closest_points(points[:, None], corners[triangle])
-        cosine = np.einsum("nki,ni->nk", outward[triangle], normals)
-        return cls(triangle, coordinates, arm, np.linalg.norm(arm, axis=2), cosine)
-
-    def choose(self, column: Array) -> Candidates:
-        """Return the candidate in a column (n,) int for each point; arrays lose their axis k."""
-        row = np.arange(len(column))
-        return Candidates(*(values[row, column] for values in self))
 
 
 class TriangleTree:
@@ -108,7 +60,6 @@ class TriangleTree:
     def __init__(
         self, corners: Array, numbers: Array | None = None, directions: Array | None = None
     ) -> None:
-        self._corners = corners
         self._numbers = np.arange(len(corners)) if numbers is None else numbers
         middles = corners[self._numbers].mean(axis=1)
         arms = np.linalg.norm(corners[self._numbers] - middles[:, None], axis=2)
@@ -124,11 +75,9 @@ class TriangleTree:
     def search(
         self,
         points: Array,
-        normals: Array,
-        outward: Array,
         rows: Array,
         counts: Sequence[int],
-        receive: Callable[[Array, Candidates], Array],
+        receive: Callable[[Array, Array], Array],
         directions: Array | None = None,
         reach: float = np.inf,
     ) -> None:
@@ -136,19 +85,17 @@ class TriangleTree:
 
         Parameters
         ----------
-        points, normals : (n, 3)
-            Positions [m] and unit normals.
-        outward : (m, 3)
-            Outward unit normals of the triangles.
+        points : (n, 3)
+            Positions [m].
         rows : (r,) int
             The points to search for.
         counts : sequence of int
             How many triangles to examine for each point. Points for which another triangle may
             count are searched again with the next number.
         receive : callable
-            Is called with some of the rows, (s,), and their `Candidates`; returns the distances
-            (s,) [m] beyond which a triangle does not count. A later call for a row replaces an
-            earlier one.
+            Is called with some of the rows, (s,), and triangles for each, (s, k); returns the
+            distances (s,) [m] beyond which a triangle does not count. A later call for a row
+            replaces an earlier one.
         directions : (n, 3), optional
             The points' three more coordinates [m], if the tree has six dimensions.
         reach : float
@@ -164,10 +111,7 @@ class TriangleTree:
                 known = near[:, 0] < len(self)
                 some, near, distances = some[known], near[known], distances[known]
                 near = self._numbers[np.where(near < len(self), near, near[:, :1])]
-                found = Candidates.examine(
-                    points[some], normals[some], near, self._corners, outward
-                )
-                unsure.append(some[distances[:, -1] - self.radius < receive(some, found)])
+                unsure.append(some[distances[:, -1] - self.radius < receive(some, near)])
             rows = np.concatenate(unsure)
             if count == len(self) or not len(rows):
                 return
@@ -176,16 +120,6 @@ class TriangleTree:
 #: How many triangles are examined for a point, by the distance of their midpoints: the next number
 #: if these do not prove that no other triangle is closer; then all.
 _EXAMINED = (24, 96, 384)
-#: `turned` multiplies the distance of a triangle by this if its outward normal is the point's, by 1
-#: if it is opposite, linearly in the cosine between: the target of a point near an edge of the
-#: surface is then the face that it has passed through, not the face beside it.
-_TURNED = 3.0
-#: It adds so many cells in the same way: a point on the edge is at distance zero from both faces.
-_BESIDE = 0.5
-#: Largest number of steps from a triangle to its neighbours.
-_STEPS = 10
-#: A step is taken if it makes the distance smaller by more than this fraction.
-_CLOSER = 1e-6
 #: A triangle is opposed to a sample if their outward normals have at most this cosine: surfaces
 #: that touch have opposite normals, the two sides of a crease have not.
 _OPPOSED = -0.5
@@ -196,23 +130,13 @@ _FRONT = 0.85
 _APPROACHED = 4
 
 
-def turned(found: Candidates, sizes: Array) -> Array:
-    """Return distances (n, k) [m], increased unless a candidate's normal opposes the point's.
-
-    ``sizes`` (n,) are the sizes of the cells at the points [m].
-    """
-    beside = (1 + found.cosine) / 2
-    preferred = found.distance * (1 + (_TURNED - 1) * beside)
-    return np.asarray(preferred + _BESIDE * sizes[:, None] * beside)
-
-
 class ReferenceTargets(NamedTuple):
     """The targets of n points on a surface in the reference configuration.
 
     Attributes
     ----------
     triangle : (n,) int
-        The triangle with the target: the closest one by the distances of `turned`.
+        The triangle with the target: see `fem_snh.contact.closest_points.Targets`.
     coordinates : (n, corners)
         Barycentric coordinates of the target in this triangle.
     nearest : (n,) int
@@ -242,8 +166,8 @@ class ReferenceSurface:
     """
 
     def __init__(self, points: Array, triangles: Array, bodies: Array) -> None:
-        self._points, self._normals = points, PseudoNormals(triangles)
-        corners = points[triangles]
+        self._normals = PseudoNormals(triangles).of(points)
+        self._corners = corners = points[triangles]
         #: The triangles of each body.
         self._trees = {
             body: TriangleTree(corners, np.flatnonzero(bodies == body))
@@ -271,20 +195,19 @@ class ReferenceSurface:
         nearest, target = np.zeros(len(X), int), np.zeros(len(X), int)
         place, nearest_place, arms = (np.zeros(X.shape) for _ in range(3))
 
-        def receive(rows: Array, found: Candidates) -> Array:
-            closest = found.choose(found.distance.argmin(axis=1))
-            nearest[rows], nearest_place[rows] = closest.triangle, closest.coordinates
-            arms[rows] = closest.arm
-            preferred = found.choose(turned(found, sizes[rows]).argmin(axis=1))
-            target[rows], place[rows] = preferred.triangle, preferred.coordinates
-            return closest.distance
+        triangles = Triangles(self._corners, outward)
+
+        def receive(rows: Array, near: Array) -> Array:
+            found = triangles.targets(X[rows], normals[rows], sizes[rows], near)
+            nearest[rows], nearest_place[rows], arms[rows] = found[:3]
+            target[rows], place[rows] = found.target, found.coordinates
+            return found.distance
 
         for body, tree in self._trees.items():
-            rows = np.flatnonzero(bodies == body)
-            tree.search(X, normals, outward, rows, (*_EXAMINED, len(tree)), receive)
+            tree.search(X, np.flatnonzero(bodies == body), (*_EXAMINED, len(tree)), receive)
         depth = np.full(len(X), -np.inf)  # a body without a surface
         known = np.isin(bodies, list(self._trees))
-        normal = self._normals.at(self._points, nearest[known], nearest_place[known])
+        normal = self._normals.at(nearest[known], nearest_place[known])
         inside = np.einsum("ni,ni->n", arms[known], normal) <= 0
         depth[known] = np.linalg.norm(arms[known], axis=1) * np.where(inside, 1, -1)
         return ReferenceTargets(target, place, nearest, depth)
@@ -317,7 +240,7 @@ class CloserTargets:
     ) -> tuple[Array, Array]:
         """Return triangles (n,) and barycentric coordinates (n, corners) of closer points.
 
-        Distances are those of `turned`: a sample moves to a neighbour while that is closer.
+        See `Triangles.walk`.
 
         Parameters
         ----------
@@ -332,24 +255,8 @@ class CloserTargets:
         outward : (m, dim)
             Outward unit normals of the triangles.
         """
-        target, coordinates = target.copy(), np.zeros(p.shape)
-        best, left = np.full(len(p), np.inf), np.arange(len(p))
-        corners = x[self._triangles]
-        for _ in range(_STEPS):
-            ring = self._ring[target[left]]
-            found = Candidates.examine(p[left], normals[left], ring, corners, outward)
-            length = turned(found, sizes[left])
-            row, least = np.arange(len(left)), length.argmin(axis=1)
-            closer = length[row, least] < (1 - _CLOSER) * best[left]
-            row, least, left = row[closer], least[closer], left[closer]
-            best[left] = length[row, least]
-            coordinates[left] = found.coordinates[row, least]
-            moved = ring[row, least] != target[left]
-            target[left] = ring[row, least]
-            left = left[moved]
-            if not len(left):
-                break
-        return target, coordinates
+        triangles = Triangles(x[self._triangles], outward)
+        return triangles.walk(p, normals, sizes, target, self._ring)
 
 
 class Approaching(NamedTuple):
@@ -396,9 +303,10 @@ def approaching(
     # |n + N|^2 = 2 + 2 cos: opposed triangles nearby are the closest points, with the normals as
     # further coordinates.
     reach = ((distance + tree.radius) ** 2 + distance**2 * (2 + 2 * _OPPOSED)) ** 0.5
-    parts = list[Approaching]()
+    parts, triangles = list[Approaching](), Triangles(corners, outward)
 
-    def receive(rows: Array, found: Candidates) -> Array:
+    def receive(rows: Array, near: Array) -> Array:
+        found = triangles.examine(points[rows], normals[rows], near)
         heights = np.einsum("nki,nki->nk", outward[found.triangle], found.arm)
         front = (heights > _FRONT * found.distance) & (found.cosine <= _OPPOSED)
         length = np.where(front, found.distance, np.inf)
@@ -410,7 +318,7 @@ def approaching(
         return shortest
 
     every = np.arange(len(points))
-    tree.search(points, normals, outward, every, [_APPROACHED], receive, -distance * normals, reach)
+    tree.search(points, every, [_APPROACHED], receive, -distance * normals, reach)
     return Approaching(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -502,11 +410,12 @@ class ClosestFacets:
         normal *= (self._sense * self._side.outward[self._facet])[:, None]
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal /= np.maximum(length, np.finfo(float).tiny)
-        tree = TriangleTree(T)
+        tree, triangles = TriangleTree(T), Triangles(T, normal)
         equal = _EQUAL * tree.radius
         facet, start = np.full(len(points), -1), np.zeros((len(points), len(self._shape.center)))
 
-        def receive(rows: Array, found: Candidates) -> Array:
+        def receive(rows: Array, near: Array) -> Array:
+            found = triangles.examine(points[rows], normals[rows], near)
             heights = np.einsum("nki,nki->nk", found.arm, normal[found.triangle])
 
             def closest(distances: Array) -> Array:
@@ -532,7 +441,7 @@ class ClosestFacets:
 
         low, high = tree.low - tree.radius - reach, tree.high + tree.radius + reach
         close = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
-        tree.search(points, normals, normal, close, _FACETS_EXAMINED, receive)
+        tree.search(points, close, _FACETS_EXAMINED, receive)
         return FacetsInReach(facet, start)
 
 

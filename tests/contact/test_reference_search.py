@@ -9,10 +9,10 @@ from polynomials import ELEMENTS
 from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx
+from fem_snh.contact.closest_points import triangle_normals
 from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.contact.samples import DeformedCells, Neighbourhood, body_numbers
 from fem_snh.contact.triangle_search import ReferenceSurface, approaching
-from fem_snh.geometry.closest_points import triangle_normals
 from fem_snh.mesh import mesh
 
 pytestmark = [pytest.mark.mpi, pytest.mark.one_debian("ranks")]

@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
+from fem_snh.contact.closest_points import PseudoNormals, Triangles, triangle_normals
 from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.contact.reference_contact import ReferenceContact, SurfaceEdges
 from fem_snh.contact.samples import SurfaceSamples, cell_sizes, smallest_at_points
-from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 
@@ -91,8 +91,10 @@ def deepest(x: np.ndarray, triangles: np.ndarray) -> float:
         angle = 2 * np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1)
         inside = np.abs(angle) > 2 * np.pi
         if inside.any():
-            arm = closest_points(points[inside][:, None], other[None])[1]
-            found = max(found, np.linalg.norm(arm, axis=2).min(axis=1).max())
+            every = np.tile(np.arange(len(other)), (inside.sum(), 1))
+            others = Triangles(other, np.zeros((len(other), 3)))
+            distance = others.examine(points[inside], points[inside], every).distance
+            found = max(found, distance.min(axis=1).max())
     return float(found)
 
 
@@ -174,7 +176,7 @@ def test_averaged_normals_are_continuous_up_to_a_sharp_edge() -> None:
     for side in (0, 1):
         chosen = edges.triangles[:, side]
         on = [(triangles[chosen] == edges.points[:, [i]]) * w for i, w in ((0, 0.3), (1, 0.7))]
-        found.append(normals.averaged(x, chosen, on[0] + on[1], 0.9))
+        found.append(normals.of(x).averaged(chosen, on[0] + on[1], 0.9))
         jumps.append(np.linalg.norm(found[-1] - outward[chosen], axis=1))
     np.testing.assert_allclose(np.linalg.norm(found[0], axis=1), 1.0, rtol=1e-12)
     rim = cosine < 0.5
