@@ -13,6 +13,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import Mesh
 from fem_snh.kernels import build
+from fem_snh.kernels.build import cdata
 
 Array = npt.NDArray[Any]
 
@@ -60,7 +61,7 @@ class CellSearch:
     """
 
     def __init__(self, kind: str, degree: int, nodes: Array) -> None:
-        self.nodes, self._kind, self._degree = nodes, kind, degree
+        self.nodes = nodes
         self._control = _control_points(kind, degree)
         self._map = CellMap(kind, degree)
 
@@ -185,11 +186,6 @@ def _library() -> Any:
     return build.open_library(["cell_search_api.h"], ["cell_search_kernels.h"], definitions)
 
 
-def _in(array: Array, dtype: Any = np.float64) -> Any:
-    """Return a C pointer to the array's values, which the pointer keeps alive."""
-    return build.pointer(_library()[0], np.ascontiguousarray(array, dtype))
-
-
 def points_in_boxes(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return all pairs of a point and a box around it: two arrays (k,) int, box by box.
 
@@ -199,8 +195,8 @@ def points_in_boxes(points: Array, low: Array, high: Array) -> tuple[Array, Arra
     while True:
         point, box = np.empty((2, room), np.int32)
         count = _library()[1].points_in_boxes(
-            d, n, _in(points), len(low), _in(low), _in(high), room,
-            _in(point, np.int32), _in(box, np.int32),
+            d, n, cdata(points), len(low), cdata(low), cdata(high), room,
+            cdata(point, np.int32), cdata(box, np.int32),
         )  # fmt: skip
         if count <= room:
             return point[:count].astype(int), box[:count].astype(int)
@@ -227,7 +223,7 @@ class CellMap:
         monomials = ((2 * nodes - 1)[:, None] ** powers).prod(axis=2)
         self._center = _dolfinx.reference_corners(kind).mean(axis=0)
         self._map = _library()[0].new("CellMap *")
-        self._kept = _in(powers, np.int32), _in(np.linalg.inv(monomials))
+        self._kept = cdata(powers, np.int32), cdata(np.linalg.inv(monomials))
         self._map.d, self._map.k = nodes.shape[1], len(nodes)
         self._map.simplex = kind in _SIMPLICES
         self._map.power, self._map.coefficient = self._kept
@@ -238,7 +234,7 @@ class CellMap:
         ``y`` (n, k, dim) are the positions of the cells' nodes.
         """
         x, det = np.empty_like(xi), np.empty(len(xi))
-        _library()[1].map_points(self._map, len(xi), _in(y), _in(xi), _in(x), _in(det))
+        _library()[1].map_points(self._map, len(xi), cdata(y), cdata(xi), cdata(x), cdata(det))
         return x, det
 
     def invert(self, y: Array, x: Array) -> tuple[Array, Array, Array]:
@@ -246,7 +242,7 @@ class CellMap:
         xi, outside = np.empty(x.shape), np.empty(len(x))
         found = np.empty(len(x), np.uint8)
         _library()[1].invert_map(
-            self._map, len(x), _in(y), _in(x), _in(self._center), _in(xi), _in(outside),
+            self._map, len(x), cdata(y), cdata(x), cdata(self._center), cdata(xi), cdata(outside),
             build.pointer(_library()[0], found),
         )  # fmt: skip
         return xi, outside, found.astype(bool)

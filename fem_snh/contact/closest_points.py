@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from fem_snh.kernels import build
+from fem_snh.kernels.build import cdata
 
 Array = npt.NDArray[Any]
 
@@ -34,11 +35,6 @@ def _library() -> Any:
     values = {"TURNED": _TURNED, "BESIDE": _BESIDE, "STEPS": _STEPS, "CLOSER": _CLOSER}
     definitions = [f"#define {name} {value}" for name, value in values.items()]
     return build.open_library(["surface_search_api.h"], ["surface_search_kernels.h"], definitions)
-
-
-def _in(array: Array, dtype: Any = np.float64) -> Any:
-    """Return a C pointer to the array's values, which the pointer keeps alive."""
-    return build.pointer(_library()[0], np.ascontiguousarray(array, dtype))
 
 
 class Candidates(NamedTuple):
@@ -114,9 +110,8 @@ class Triangles:
 
     def __init__(self, corners: Array, outward: Array) -> None:
         ffi, self._lib = _library()
-        self.corners, self.outward = corners, outward
         self._c, self._d = corners.shape[1:]
-        self._kept = _in(corners), _in(outward)
+        self._kept = cdata(corners), cdata(outward)
         self._surface = ffi.new("Surface *", (self._c, self._d, *self._kept))
 
     def examine(self, points: Array, normals: Array, triangle: Array) -> Candidates:
@@ -125,8 +120,8 @@ class Triangles:
         coordinates, arm = np.empty((n, k, self._c)), np.empty((n, k, self._d))
         distance, cosine = np.empty((2, n, k))
         self._lib.examine(
-            self._surface, n, k, _in(points), _in(normals), _in(triangle, np.int32),
-            _in(coordinates), _in(arm), _in(distance), _in(cosine),
+            self._surface, n, k, cdata(points), cdata(normals), cdata(triangle, np.int32),
+            cdata(coordinates), cdata(arm), cdata(distance), cdata(cosine),
         )  # fmt: skip
         return Candidates(triangle, coordinates, arm, distance, cosine)
 
@@ -137,9 +132,9 @@ class Triangles:
         place, coordinates = np.empty((2, n, self._c))
         arm, distance = np.empty((n, self._d)), np.empty(n)
         self._lib.closest_targets(
-            self._surface, n, k, _in(points), _in(normals), _in(sizes), _in(triangle, np.int32),
-            _in(nearest, np.int32), _in(place), _in(arm), _in(distance), _in(target, np.int32),
-            _in(coordinates),
+            self._surface, n, k, cdata(points), cdata(normals), cdata(sizes),
+            cdata(triangle, np.int32), cdata(nearest, np.int32), cdata(place), cdata(arm),
+            cdata(distance), cdata(target, np.int32), cdata(coordinates),
         )  # fmt: skip
         return Targets(nearest, place, arm, distance, target, coordinates)
 
@@ -153,8 +148,8 @@ class Triangles:
         """
         target, coordinates = np.array(target, np.int32), np.zeros((len(points), self._c))
         self._lib.walk(
-            self._surface, len(points), ring.shape[1], _in(points), _in(normals), _in(sizes),
-            _in(ring, np.int32), _in(target, np.int32), _in(coordinates),
+            self._surface, len(points), ring.shape[1], cdata(points), cdata(normals), cdata(sizes),
+            cdata(ring, np.int32), cdata(target, np.int32), cdata(coordinates),
         )  # fmt: skip
         return target.astype(int), coordinates
 
@@ -166,7 +161,7 @@ def intersect(a: csr_matrix, rows: Array, b: csr_matrix, others: Array) -> Array
     """
     found = np.empty(len(rows), np.uint8)
     patterns = [
-        _in(values, np.int32)
+        cdata(values, np.int32)
         for matrix, chosen in ((a, rows), (b, others))
         for values in (chosen, matrix.indptr, matrix.indices)
     ]
@@ -237,7 +232,12 @@ class Normals:
         #: Each triangle's normal times its angle at each corner; of segments times 1.
         self._weighted = np.empty((m * dim, dim))
         _library()[1].surface_normals(
-            m, dim, _in(surface.triangles, np.int32), _in(x), _in(self.outward), _in(self._weighted)
+            m,
+            dim,
+            cdata(surface.triangles, np.int32),
+            cdata(x),
+            cdata(self.outward),
+            cdata(self._weighted),
         )
 
     @cached_property
@@ -285,16 +285,12 @@ class Normals:
         triangles, at_point = self._surface.triangles, self._surface.at_point
         found = np.empty((len(chosen), triangles.shape[1]))
         _library()[1].averaged_normals(
-            len(chosen), triangles.shape[1], _in(chosen, np.int32), _in(coordinates),
-            _in(triangles, np.int32), _in(self.outward), _in(self._weighted),
-            _in(at_point.indptr, np.int32), _in(at_point.indices, np.int32), sharp, _in(found),
+            len(chosen), triangles.shape[1], cdata(chosen, np.int32), cdata(coordinates),
+            cdata(triangles, np.int32), cdata(self.outward), cdata(self._weighted),
+            cdata(at_point.indptr, np.int32), cdata(at_point.indices, np.int32), sharp,
+            cdata(found),
         )  # fmt: skip
         return found
-
-
-def triangle_normals(x: Array, triangles: Array) -> Array:
-    """Return ``outward`` of `Normals` for points x (n, dim) and triangles (m, dim) int."""
-    return PseudoNormals(triangles).of(x).outward
 
 
 def _unit(vectors: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from fem_snh.choices import POINT_FILTERS
 from fem_snh.geometry.motions import Pose
 from fem_snh.kernels import build
+from fem_snh.kernels.build import cdata
 
 if TYPE_CHECKING:
     from _cffi_backend import FFI, Lib
@@ -36,16 +37,10 @@ def _library() -> tuple[FFI, Lib]:
     )
 
 
-def _in(array: Array, dtype: Any = np.float64) -> Any:
-    """Return a C pointer to the array's values, which the pointer keeps alive."""
-    kind = "double[]" if dtype is np.float64 else "int[]"
-    return _library()[0].from_buffer(kind, np.ascontiguousarray(array, dtype))
-
-
 def same(a: Array, b: Array) -> bool:
     """Return whether two arrays of float64 have the same shape and bits."""
     lib = _library()[1]
-    return a is b or (a.shape == b.shape and bool(lib.same_values(a.size, _in(a), _in(b))))
+    return a is b or (a.shape == b.shape and bool(lib.same_values(a.size, cdata(a), cdata(b))))
 
 
 def largest_move(nodes: Array, X: Array, u: Array, pose: Pose, before: Array) -> float:
@@ -64,33 +59,49 @@ def largest_move(nodes: Array, X: Array, u: Array, pose: Pose, before: Array) ->
     before : (n, 3)
         What ``pose.invert`` returned of their positions before.
     """
-    arrays = _in(X), _in(u), _in(pose.rotation), _in(pose.translation), _in(before)
-    square = _library()[1].largest_move(len(nodes), _in(nodes, np.int32), *arrays)
+    arrays = (
+        cdata(X),
+        cdata(u),
+        cdata(pose.rotation),
+        cdata(pose.translation),
+        cdata(before),
+    )
+    square = _library()[1].largest_move(len(nodes), cdata(nodes, np.int32), *arrays)
     return float(square) ** 0.5
 
 
 def response(
     rows: Array | None, k: Array, multipliers: Array, gap: Array, start: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return energy [J/m^2], pressure [Pa] and stiffness [Pa/m], all of the shape of ``gap``.
+    r"""Return energy [J/m^2], pressure [Pa] and stiffness [Pa/m], all of the shape of ``gap``.
+
+    With the gaps :math:`g_0` at the start of a step they are those of the mean penalty pressure of
+    the step, whose work is the loss of contact energy:
+
+    .. math:: \bar p = \frac{p_1^2 - p_0^2}{2 k (g_0 - g_1)}
+
+    with the pressures :math:`p_0, p_1` at the start and the end of the step (Hauret & Le Tallec
+    2006). It is :math:`(p_0 + p_1)/2` at a point that is in contact at both, and less where contact
+    begins or ends.
 
     Parameters
     ----------
     rows : (n,) int or None
         The rows of ``k`` and ``multipliers`` to which the gaps belong; None for all.
     k, multipliers : array
-        Penalty stiffness [Pa/m] and multipliers [Pa].
+        Penalty stiffness [Pa/m] and multipliers [Pa], which means over a step ignore.
     gap : (n, ...)
-        Gaps [m].
+        Gaps, of means those at the end of the step [m].
     start : (n, ...), optional
-        Gaps at the start of a step [m]: the result is the mean over the step, without multipliers.
+        Gaps at the start of the step [m].
     """
     ffi, lib = _library()
     found = np.empty((3, *gap.shape))
     n = len(gap) or 1
     lib.contact_response(
-        len(gap), gap.size // n, ffi.NULL if rows is None else _in(rows, np.int32), _in(k),
-        _in(multipliers), ffi.NULL if start is None else _in(start), _in(gap), *map(_in, found),
+        len(gap), gap.size // n, ffi.NULL if rows is None else cdata(rows, np.int32), cdata(k),
+        cdata(multipliers), ffi.NULL if start is None else cdata(start), cdata(gap),
+        *map(cdata, found),
     )  # fmt: skip
     return found[0], found[1], found[2]
 
@@ -154,17 +165,17 @@ class FacetLoops:
         self._facets.points, self._facets.nodes = basis.shape
         self._facets.components, self._facets.cell_nodes = size
         # The struct holds pointers: the arrays must live as long.
-        self._kept = [_in(nodes, np.int32), _in(basis), _in(X)]
+        self._kept = [cdata(nodes, np.int32), cdata(basis), cdata(X)]
         self._facets.node, self._facets.basis, self._facets.X = self._kept
         if weights is not None and cell_nodes is not None:
-            self._kept += [_in(weights), _in(cell_nodes, np.int32)]
+            self._kept += [cdata(weights), cdata(cell_nodes, np.int32)]
             self._facets.weight, self._facets.cell_node = self._kept[3:]
 
     def vectors(self, u: Array, which: Which, deformed: bool) -> Array:
         """Return displacements, or deformed coordinates, at the points, (m, points, 3) [m]."""
         m, rows = self._chosen(which)
         y = np.empty((m, self._points, 3))
-        self._lib.facet_vectors(self._facets, m, rows, _in(u), deformed, _in(y))
+        self._lib.facet_vectors(self._facets, m, rows, cdata(u), deformed, cdata(y))
         return y
 
     def add_vectors(self, values: Array, which: Which, out: Array) -> None:
@@ -172,20 +183,21 @@ class FacetLoops:
         m, rows = self._chosen(which)
         size, components = values.shape[2], out.shape[1]
         self._lib.add_facet_vectors(
-            self._facets, m, rows, _in(values), size, components, build.pointer(_library()[0], out)
+            self._facets,
+            m,
+            rows,
+            cdata(values),
+            size,
+            components,
+            build.pointer(_library()[0], out),
         )
 
     def contact_forces(self, which: Which, pressure: Array, normal: Array) -> Array:
         """Return the forces of pressures (m, points) and normals, (m, points, 3) [N]."""
         m, rows = self._chosen(which)
         force = np.empty((m, self._points, 3))
-        self._lib.contact_forces(
-            self._facets,
-            m,
-            rows,
-            self._struct("NormalContact", pressure, pressure, normal, normal),
-            _in(force),
-        )
+        columns = self._struct("NormalContact", pressure, pressure[:0], normal, normal[:0])
+        self._lib.contact_forces(self._facets, m, rows, columns, cdata(force))
         return force
 
     def contact_matrices(
@@ -201,7 +213,7 @@ class FacetLoops:
         filtered = _library()[0].new("int *")
         count = self._lib.contact_matrices(
             self._facets, m, rows, self._struct("NormalContact", *columns),
-            POINT_FILTERS.index(filter), factor, _in(acting, np.int32), _in(K), filtered,
+            POINT_FILTERS.index(filter), factor, cdata(acting, np.int32), cdata(K), filtered,
         )  # fmt: skip
         return acting[:count], K[:count], filtered[0]
 
@@ -210,7 +222,13 @@ class FacetLoops:
         m, rows = self._chosen(which)
         slip, stress = np.empty((2, m, self._points, 3))
         self._lib.friction_stresses(
-            self._facets, m, rows, self._struct("Friction", *at), _in(u), _in(slip), _in(stress)
+            self._facets,
+            m,
+            rows,
+            self._struct("Friction", *at),
+            cdata(u),
+            cdata(slip),
+            cdata(stress),
         )
         return slip, stress
 
@@ -219,7 +237,7 @@ class FacetLoops:
         m, rows = self._chosen(which)
         K = np.empty((m, self._dofs, self._dofs))
         self._lib.friction_matrices(
-            self._facets, m, rows, self._struct("Friction", *at), _in(slip), _in(K)
+            self._facets, m, rows, self._struct("Friction", *at), cdata(slip), cdata(K)
         )
         return K
 
@@ -227,9 +245,9 @@ class FacetLoops:
         """Return how many facets are chosen, and a pointer to their indices; NULL for all."""
         if isinstance(which, slice):
             return self._num_facets, _library()[0].NULL
-        return len(which), _in(which, np.int32)
+        return len(which), cdata(which, np.int32)
 
     def _struct(self, name: str, *columns: Array) -> Any:
         """Return a struct of pointers, and keep these alive until the next struct."""
-        self._columns = [*map(_in, columns)]
+        self._columns = [*map(cdata, columns)]
         return _library()[0].new(f"{name} *", self._columns)

@@ -72,25 +72,6 @@ class Response(NamedTuple):
     stiffness: Array
 
 
-def mean_pressure(k: Array, start: Array, end: Array) -> Response:
-    r"""Return the mean penalty pressure of a step, whose work is the loss of contact energy.
-
-    .. math:: \bar p = \frac{p_1^2 - p_0^2}{2 k (g_0 - g_1)}
-
-    with the pressures :math:`p_0, p_1` and gaps :math:`g_0, g_1` at the start and the end of the
-    step (Hauret & Le Tallec 2006). It is :math:`(p_0 + p_1)/2` at a point that is in contact at
-    both, and less where contact begins or ends.
-
-    Parameters
-    ----------
-    k : array
-        Penalty stiffness [Pa/m].
-    start, end : array
-        Gaps at the start and the end of the step [m].
-    """
-    return Response(*response(None, k, k, end, start))
-
-
 def mean_derivative(mean: Array, change: Array, way: Array, size: Array | float) -> Array:
     r"""Return the mean derivatives of gaps over a step, whose product with y is the gap's change.
 

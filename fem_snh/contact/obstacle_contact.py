@@ -92,7 +92,7 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
     another energy. Multipliers and lagged friction are constant during a solve and updated after
     it: with an augmented Lagrangian until every point in contact is within the tolerance of the
     obstacle, with friction until the normal forces have settled. In time, Newmark's method takes
-    means over a step: `fem_snh.contact.law.mean_pressure`.
+    means over a step: `fem_snh.contact.facet_loops.response`.
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ class NearFacets:
 class StepStart:
     r"""The contact of a surface with an obstacle at the start of a time step.
 
-    Newmark's method takes a mean contact force over the step: the pressure of `mean_pressure` times
+    Newmark's method takes a mean contact force over the step: the mean pressure of `response` times
     the normal of `mean_derivative`, which is second-order accurate where the normal turns. As this
     force is no gradient, the energy has the mean pressure along the normal at the step's end. The
     remaining force per area, ``turn``, is lagged; it is zero at a plane that does not rotate.

@@ -189,12 +189,17 @@ class NodalSprings:
         The surface.
     matrix : SurfaceMatrix
         The matrix of the surface.
+
+    Attributes
+    ----------
+    springs : ContactSprings
+        The springs.
     """
 
     def __init__(
         self, springs: ContactSprings, surface: EmbeddedSurface, matrix: SurfaceMatrix
     ) -> None:
-        self._matrix, self._stiffness = matrix, springs.stiffness
+        self.springs, self._matrix, self._stiffness = springs, matrix, springs.stiffness
         self._derivatives = matrix.nodal(springs.derivatives)
         self._gaps = springs.gaps(surface.points[:, : springs.normal.shape[1]])
 
@@ -657,14 +662,8 @@ class ReferenceContact(SelfContactTerm):
         Contact pressure over penetration [Pa/m]. Default: 50 E over the size of the cells.
     kinematics : Kinematics, optional
         A solid, a plane, or axisymmetric without torsion.
-
-    Attributes
-    ----------
-    springs : ContactSprings
-        The present pairs of samples and targets.
     """
 
-    springs: ContactSprings
     _coupled: bool
     _nodal_springs: NodalSprings
 
@@ -679,7 +678,8 @@ class ReferenceContact(SelfContactTerm):
         super().__init__(V, skin, kinematics)
         revolved, overlap = kinematics.revolved, skin is not None
         self._search = TargetSearch(V, self.surface, regions, stiffness, overlap, revolved)
-        self._set_springs(ContactSprings.none(len(self.surface.points), kinematics.components))
+        none = ContactSprings.none(len(self.surface.points), kinematics.components)
+        self._set_springs(self._on_nodes(none))
         self._searches, self._penetration, self._stale = 0, 0.0, True
 
     def set_load(self, load: float) -> None:
@@ -692,7 +692,8 @@ class ReferenceContact(SelfContactTerm):
         If it decreases, the next evaluation searches again: a stiffer state had other targets.
         """
         self._search.scale_stiffness(factor)
-        self._set_springs(replace(self.springs, stiffness=factor * self.springs.stiffness))
+        stiffer = replace(self.springs, stiffness=factor * self.springs.stiffness)
+        self._set_springs(self._on_nodes(stiffer))
         self._stale |= factor < 1
         return True
 
@@ -763,8 +764,8 @@ class ReferenceContact(SelfContactTerm):
         self._searches += 1
         new = self._search.find(self._nodal(u), x)
         self._penetration = self._search.penetration(new, x)
-        updated = self._updated(new, x)
-        after = NodalSprings(updated, self.surface, self._matrix).gradient(v)
+        updated = self._on_nodes(self._updated(new, x))
+        after = updated.gradient(v)
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         ratio = relative(np.abs(after - before).max(initial=0.0), largest, _SETTLED)
         change = LaggedChange(ratio, "self_contact: the change of forces by another search")
@@ -785,10 +786,16 @@ class ReferenceContact(SelfContactTerm):
             new = new[same < 0]
         return new.joined(old[kept])
 
-    def _set_springs(self, springs: ContactSprings) -> None:
-        self.springs = springs
-        self._nodal_springs = NodalSprings(springs, self.surface, self._matrix)
-        self.pairs, self._coupled = [self._nodal_springs], False
+    @property
+    def springs(self) -> ContactSprings:
+        """The present pairs of samples and targets."""
+        return self._nodal_springs.springs
+
+    def _on_nodes(self, springs: ContactSprings) -> NodalSprings:
+        return NodalSprings(springs, self.surface, self._matrix)
+
+    def _set_springs(self, springs: NodalSprings) -> None:
+        self._nodal_springs, self.pairs, self._coupled = springs, [springs], False
 
     def configuration(self, u: PETSc.Vec) -> Array:
         """Return the displacements (m, dim) [m] of the surface's support. Collective.
@@ -798,7 +805,8 @@ class ReferenceContact(SelfContactTerm):
         nodal = self._nodal(u)
         if self._stale:
             self._stale = False
-            self._set_springs(self._search.find(nodal, self.surface.positions(nodal)))
+            found = self._search.find(nodal, self.surface.positions(nodal))
+            self._set_springs(self._on_nodes(found))
         return self.surface.support.gather(nodal)
 
     def add_nodal(self, values: Array, vector: PETSc.Vec) -> None:

@@ -23,6 +23,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
 from fem_snh import cache
@@ -193,6 +194,23 @@ def pointer(ffi: FFI, array: npt.NDArray[Any]) -> CData:
     the array alive.
     """
     return ffi.from_buffer(_POINTERS[array.dtype.char], array)
+
+
+def cdata(array: npt.ArrayLike, dtype: Any = np.float64) -> CData:
+    """Return a C pointer to an array's float64 or int32 values, which it keeps alive.
+
+    The values are a copy unless the array is contiguous and of this ``dtype``.
+    """
+    kind = "double[]" if dtype is np.float64 else "int[]"
+    return _plain_types().from_buffer(kind, np.ascontiguousarray(array, dtype))
+
+
+@functools.cache
+def _plain_types() -> FFI:
+    """Return an FFI object without declarations; all FFI objects share the types of numbers."""
+    import _cffi_backend
+
+    return _cffi_backend.FFI()
 
 
 @functools.cache

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.law import mean_pressure
+from fem_snh.contact.facet_loops import response
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.kernels.material import material
 from fem_snh.steps.dynamics.dynamics import Dynamics
@@ -97,13 +97,14 @@ def test_mean_pressure():
     """It is minus the derivative of its energy, and takes what the energy of contact loses."""
     k, start = 2.0, np.array([-0.3, -0.3, -0.3, 0.2, 0.2, 0.0, 1e-3, 0.4])
     end = np.array([-0.1, 0.1, 30.0, -0.4, -1e-3, -0.2, -0.2, 0.1])
-    energy, pressure, stiffness = mean_pressure(np.full(8, k), start, end)
+    energy, pressure, stiffness = response(None, *2 * [np.full(8, k)], end, start)
     p0, p1 = (np.maximum(-k * gap, 0) for gap in (start, end))
     np.testing.assert_allclose(pressure * (start - end), (p1**2 - p0**2) / (2 * k), rtol=1e-11)
     for i in range(len(start)):
 
         def at(gap, i=i):
-            return [found[0] for found in mean_pressure(np.array([k]), start[[i]], np.array([gap]))]
+            found = response(None, *2 * [np.array([k])], np.array([gap]), start[[i]])
+            return [value[0] for value in found]
 
         kink = [0.0] if min(start[i], end[i]) < 0 < max(start[i], end[i]) else None
         work = quad(lambda g, at=at: float(at(g)[1]), end[i], start[i], points=kink)[0]

@@ -9,7 +9,7 @@ from polynomials import ELEMENTS
 from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx
-from fem_snh.contact.closest_points import triangle_normals
+from fem_snh.contact.closest_points import PseudoNormals
 from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.contact.samples import DeformedCells, Neighbourhood, body_numbers
 from fem_snh.contact.triangle_search import ReferenceSurface, approaching
@@ -66,7 +66,8 @@ def surface_of(comm, source, **parameters):
     """Return the points, triangles and outward normals of a mesh's surface."""
     body = mesh.generate(comm, source, "hexahedron", **parameters)
     surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body.skin)
-    return surface.points, surface.triangles, triangle_normals(surface.points, surface.triangles)
+    outward = PseudoNormals(surface.triangles).of(surface.points).outward
+    return surface.points, surface.triangles, outward
 
 
 def test_surfaces_that_face_each_other_approach(comm):

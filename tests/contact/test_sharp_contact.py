@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.unknowns import local_values
-from fem_snh.contact.closest_points import PseudoNormals, Triangles, triangle_normals
+from fem_snh.contact.closest_points import PseudoNormals, Triangles
 from fem_snh.contact.gathered_surface import embedded_surface
 from fem_snh.contact.reference_contact import ReferenceContact, SurfaceEdges
 from fem_snh.contact.samples import SurfaceSamples, cell_sizes, smallest_at_points
@@ -154,7 +154,7 @@ def test_crossing_edges_of_two_cubes_are_found(depth: float) -> None:
     both = np.concatenate([triangles, triangles + len(lower)])
     edges = SurfaceEdges(both)
     assert len(edges) == 36  # of each cube 12 edges and a diagonal of each face
-    found = edges.crossings(x, triangle_normals(x, both), 0.2)
+    found = edges.crossings(x, PseudoNormals(both).of(x).outward, 0.2)
     assert len(found.first) == 1
     ends = [x[edges.points[e[0]]] for e in (found.first, found.second)]
     points = [(1 - s) * a + s * b for s, (a, b) in zip(found.place[0], ends, strict=True)]
@@ -169,14 +169,15 @@ def test_averaged_normals_are_continuous_up_to_a_sharp_edge() -> None:
     _, surface = surface_of("two_blocks", "hexahedron", cells=4, gap=0.5)
     triangles, x = surface.triangles, surface.points.copy()
     x[:, 2] += 0.02 * np.sin(7 * x[:, 0] + 4 * x[:, 1])
-    normals, outward = PseudoNormals(triangles), triangle_normals(x, triangles)
+    normals = PseudoNormals(triangles).of(x)
+    outward = normals.outward
     edges = SurfaceEdges(triangles)
     cosine = np.einsum("ni,ni->n", *(outward[edges.triangles[:, i]] for i in (0, 1)))
     found, jumps = [], []
     for side in (0, 1):
         chosen = edges.triangles[:, side]
         on = [(triangles[chosen] == edges.points[:, [i]]) * w for i, w in ((0, 0.3), (1, 0.7))]
-        found.append(normals.of(x).averaged(chosen, on[0] + on[1], 0.9))
+        found.append(normals.averaged(chosen, on[0] + on[1], 0.9))
         jumps.append(np.linalg.norm(found[-1] - outward[chosen], axis=1))
     np.testing.assert_allclose(np.linalg.norm(found[0], axis=1), 1.0, rtol=1e-12)
     rim = cosine < 0.5

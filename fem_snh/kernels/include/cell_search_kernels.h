@@ -24,7 +24,7 @@ long points_in_boxes(int d, long n, const double *p, long m, const double *low, 
   for (int k = 0; k < d; ++k) {
     g.low[k] = INFINITY, top[k] = -INFINITY;
     for (long i = 0; i < n; ++i) g.low[k] = fmin(g.low[k], p[d * i + k]), top[k] = fmax(top[k], p[d * i + k]);
-    if (!(top[k] - g.low[k] < INFINITY)) g.low[k] = top[k] = 0; /* no finite coordinate */
+    if (!(top[k] >= g.low[k] && top[k] - g.low[k] < INFINITY)) g.low[k] = top[k] = 0; /* not finite */
   }
   g.edge = fmax(extent, DBL_MIN); /* bins as large as boxes, but not many more than points */
   for (long total = 0;; g.edge *= 2) {

@@ -30,7 +30,7 @@ void add_facet_vectors(const Facets *f, int m, const int *which, const double *v
 /* The response of n rows of `size` points with stiffness k [Pa/m], multipliers l [Pa], both [rows of all][size], and
  * gaps g [n][size] [m], per reference area: energy [J/m^2], pressure p = <l - k g> [Pa], and minus its derivative by g.
  * With gaps g0 at the start of a step, else NULL, it is the mean of a penalty over the step
- * (fem_snh.contact.law.mean_pressure), without multipliers. `row` [n] may be NULL: the first n. */
+ * (fem_snh.contact.facet_loops.response), without multipliers. `row` [n] may be NULL: the first n. */
 void contact_response(int n, int size, const int *row, const double *k, const double *l, const double *g0, const double *g,
                       double *energy, double *pressure, double *stiffness);
 
