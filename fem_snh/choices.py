@@ -77,8 +77,8 @@ GLOBALIZATION_OF_NAMED_HESSIAN = "linesearch"
 #: python -m benchmarks negative_curvature --lbfgs 40,640; docs/results/figures.md).
 DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
 #: The same maximum in a trust region with sparse factors, where a Newton step costs as much as
-#: a few L-BFGS iterations (measured: python -m benchmarks slender).
-FACTORS_LBFGS_MAX_IT = 150
+#: a few L-BFGS iterations (measured: python -m benchmarks large_steps, slender).
+FACTORS_LBFGS_MAX_IT = 40
 
 #: Where a goal is evaluated that is to be farthest from its value at the start.
 LARGEST = "largest"

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import inf, isfinite, isnan, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -106,6 +106,45 @@ class QuasiNewton:
 
 
 _Reason = PETSc.SNES.ConvergedReason
+#: A step makes little progress if it decreases the energy by less than the first fraction of the
+#: decrease since its maximum, and if this step and the step before leave more than the second
+#: fraction of the residual (measured: python -m benchmarks negative_curvature).
+_LITTLE_DECREASE, _MUCH_RESIDUAL = 0.03, 0.55
+
+
+class Progress:
+    """How far the last step has reduced energy and residual.
+
+    Attributes
+    ----------
+    residual_ratio, two_steps : float
+        The norm of the residual relative to that before the step, and before the last two.
+    small_decrease : bool
+        Whether the energy has decreased, but little.
+    filtered : bool
+        Whether the step's Hessian was filtered.
+    """
+
+    def __init__(self) -> None:
+        self.residual_ratio = self.two_steps = 1.0
+        self.small_decrease = self.filtered = False
+        self._highest = -inf
+
+    def update(self, norm: float, energy: float, step: Step) -> None:
+        """Set the attributes after a step from a residual of this norm [N] and an energy [J]."""
+        assert step.end is not None
+        end = step.end.energy
+        self._highest = max(self._highest, energy)
+        self.small_decrease = 0 < energy - end <= _LITTLE_DECREASE * (self._highest - end)
+        ratio = step.end.residual.norm() / norm
+        self.two_steps, self.residual_ratio = ratio * self.residual_ratio, ratio
+        self.filtered = step.filter in ("clamp", "abs")
+
+    @property
+    def is_little(self) -> bool:
+        """Whether the step was filtered and has made little progress."""
+        return self.filtered and self.small_decrease and self.two_steps > _MUCH_RESIDUAL
+
 
 #: Largest number of full steps: near a solution Newton's method needs 4 to 6.
 _MAX_FULL_STEPS = 15
@@ -212,11 +251,9 @@ _ETA1, _ETA2, _ETA3 = 0.05, 0.05, 0.75
 _SHRINK, _GROW = 0.5, 2.0
 #: Radii that are tried before the clamped Hessian's step is taken.
 _MAX_ATTEMPTS = 12
-#: The region is entered if a filtered step decreases the energy by less than the first fraction of
-#: the decrease since the start, and two steps leave more than the second fraction of the residual.
-#: It is exited if a step leaves less than the third (measured: python -m benchmarks
-#: negative_curvature).
-_ENTER_DECREASE, _ENTER_RESIDUAL, _EXIT_RESIDUAL = 0.03, 0.55, 0.1
+#: The region is exited if a step leaves less than this fraction of the residual (measured:
+#: python -m benchmarks negative_curvature).
+_EXIT_RESIDUAL = 0.1
 
 #: Linear solvers that accept a radius. PETSc's gltr does too, but frees memory twice.
 SOLVERS = ("stcg", "nash")
@@ -270,13 +307,12 @@ class TrustRegion:
     acceptable step, the clamped Hessian's step is taken.
 
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
-    filtered step that decreases the energy by less than 0.03 of the decrease since the start, if
-    this step and the step before together leave more than 0.55 of the residual: near an unstable
-    state. Once the solve has been in the region, one such step is enough. With sparse factors the
-    region is also entered after an exact step that is shorter than `SHORT`, or leaves more than
-    0.55 of the residual where eigenvalues are negative; with ``-snes_hessian exact``, where there
-    is no descent direction. The region is exited after any step that leaves less than a tenth of
-    the residual.
+    filtered step that makes little `Progress`: near an unstable state. Once the solve has been in
+    the region, it is enough that the last step alone leaves much of the residual. With sparse
+    factors the region is also entered after an exact step that is shorter than `SHORT`, or leaves
+    more than 0.55 of the residual where eigenvalues are negative; with ``-snes_hessian exact``,
+    where there is no descent direction. The region is exited after any step that leaves less than a
+    tenth of the residual.
 
     Parameters
     ----------
@@ -302,14 +338,12 @@ class TrustRegion:
         self.direction, self.line_search = direction, direction.line_search
         self.ordinary = LineSearchNewton(direction)
         self.radius: float | None = None
-        self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
-        self._entered_before = self._unstable = False
+        self.entered = self._entered_before = self._unstable = False
         self._Ad: PETSc.Vec | None = None
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Return a step from ``start``, as `LineSearchNewton.step`. Collective."""
-        norm, linear = start.residual.norm(), 0
-        step, tried = Step(), self.entered
+        step, tried, linear = Step(), self.entered, 0
         if tried:
             step = self._step_in_region(start, d, trial)
             linear = step.linear
@@ -322,8 +356,6 @@ class TrustRegion:
                 step = self._step_in_region(start, d, trial)
                 step.linear += ordinary.linear
                 step.diverged = 0 if step.end else ordinary.diverged
-        if step.end is not None:
-            self._update(start, norm, step, step.end)
         return step
 
     def leave_equilibrium(self, decrease: float) -> None:
@@ -331,22 +363,16 @@ class TrustRegion:
         self.radius = sqrt(abs(decrease))
         self.entered = self._entered_before = self._unstable = True
 
-    def _update(self, start: State, norm: float, step: Step, end: State) -> None:
-        """Set `entered` by a step's progress; ``norm`` is the residual's at ``start`` [N]."""
-        if isnan(self._first_energy):
-            self._first_energy = start.energy
-        decrease, total_decrease = start.energy - end.energy, self._first_energy - end.energy
-        residual_ratio = end.residual.norm() / norm
-        two_steps, self._residual_ratio = residual_ratio * self._residual_ratio, residual_ratio
-        if residual_ratio < _EXIT_RESIDUAL:
+    def update(self, step: Step, progress: Progress) -> None:
+        """Set `entered` by the progress of the last step."""
+        if progress.residual_ratio < _EXIT_RESIDUAL:
             self.entered = False
-        elif step.filter in ("clamp", "abs"):
-            enough = _ENTER_DECREASE * total_decrease
-            little_progress = decrease < enough or self._unstable
-            remaining = residual_ratio if self._entered_before else two_steps
-            self.entered |= little_progress and remaining > _ENTER_RESIDUAL
+        elif progress.filtered:
+            ratio = progress.residual_ratio if self._entered_before else progress.two_steps
+            little = progress.small_decrease or self._unstable
+            self.entered |= little and ratio > _MUCH_RESIDUAL
         elif step.negative is not None:  # the exact Hessian's factors
-            poor = residual_ratio > _ENTER_RESIDUAL
+            poor = progress.residual_ratio > _MUCH_RESIDUAL
             self.entered |= bool(step.negative and poor) or step.length < SHORT
         self._entered_before |= self.entered
 

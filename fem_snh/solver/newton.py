@@ -7,6 +7,7 @@ options work as for PETSc's own types.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -17,7 +18,13 @@ from fem_snh.choices import ACTING_FORCES
 from fem_snh.linalg.direct_solver import is_direct, set_asymmetric_factors
 from fem_snh.solver import options
 from fem_snh.solver.errors import clean
-from fem_snh.solver.globalization import FullNewton, LineSearchNewton, QuasiNewton, TrustRegion
+from fem_snh.solver.globalization import (
+    FullNewton,
+    LineSearchNewton,
+    Progress,
+    QuasiNewton,
+    TrustRegion,
+)
 from fem_snh.solver.linear_choice import AsymmetricSolver, LinearChoice
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import MeritLineSearch
@@ -104,6 +111,9 @@ class ProjectedNewton:
         The linear solver of `TrustRegion`; None with a line search.
     left : _Left
         The unstable equilibrium that the last solve left last.
+    give_up : callable or None
+        Called with the unknowns after a filtered step that has made little progress; whether the
+        solve ends, with DIVERGED_LOCAL_MIN.
     """
 
     #: The class of the search directions; benchmarks replace it to compare methods.
@@ -129,6 +139,7 @@ class ProjectedNewton:
         self._filter, self._filtered_points = "exact", 0
         self._dtol_given = False
         self.left = _Left()
+        self.give_up: Callable[[PETSc.Vec], bool] | None = None
 
     # --- PETSc's callbacks -----------------------------------------------------------------------
 
@@ -174,6 +185,7 @@ class ProjectedNewton:
         self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
+        progress = Progress()
         globalization = self._globalization(snes, forcing)
         state.energy = snes.computeObjective(x) if self.problem.has_energy else 0.0
         if not isfinite(state.energy):
@@ -201,6 +213,10 @@ class ProjectedNewton:
                     function(snes, its, *arguments, **keywords)
                 forcing.update(norm)
                 step = globalization.step(state, d, trial)
+                if step.end is not None:
+                    progress.update(norm, state.energy, step)
+                    if isinstance(globalization, TrustRegion):
+                        globalization.update(step, progress)
             self.history.append(
                 Iteration(
                     norm, state.energy, step.filter, step.filtered_points,
@@ -220,6 +236,9 @@ class ProjectedNewton:
             step.end.copy_to(state)
             step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
             norm = state.residual.norm()
+            if self.give_up and progress.is_little and self.give_up(x):
+                snes.setConvergedReason(Reason.DIVERGED_LOCAL_MIN)
+                return
             # petsc4py frees dropped objects only when told to, for each communicator.
             clean([x.comm, snes.getJacobian()[1].comm])
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)

@@ -96,7 +96,7 @@ OPTIONS: dict[str, Option] = {
     "snes_lbfgs_max_it": Option(
         0.0,
         "L-BFGS iterations after a Newton step, at most; 640 by default in a trust region, with "
-        "sparse factors 150",
+        "sparse factors 40",
         f"{_NW}, alg. 7.5", _COUNT
     ),
 }  # fmt: skip

@@ -256,6 +256,8 @@ class StepOutcome:
         The norm of a proximal term's forces relative to the acting forces; None without the term.
     predicted : int
         Linear iterations of the predictor; 0 if it solved no linear system.
+    gave_up : bool
+        Whether the last solve ended as its `ProjectedNewton.give_up` asked for it.
     """
 
     converged: bool = False
@@ -268,6 +270,7 @@ class StepOutcome:
     negative: int | None = None
     stabilisation: float | None = None
     predicted: int = 0
+    gave_up: bool = False
 
     @property
     def newton(self) -> int:
@@ -297,6 +300,7 @@ class StepOutcome:
         self.tolerance, self.negative = context.tolerance, context.negative
         self.history += context.history
         self.out_of_memory = out_of_memory(snes)
+        self.gave_up = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
 
     def fail_inner(self, error: NotSettled) -> None:
         """Mark the step as failed, with the reason "DIVERGED_INNER: " and the error's message."""

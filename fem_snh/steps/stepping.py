@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Any, cast
 
@@ -111,6 +112,7 @@ class StepSolver:
                 outcome = tried
             if tried.converged:
                 self._rescued = rescues
+            if tried.converged or tried.gave_up:
                 break
         outcome.history = history
         if judge and outcome.converged:
@@ -211,8 +213,8 @@ class StepSolver:
                 auxiliary.destroy()
 
 
-#: The reason of a step that fails as its end has inverted points and its start has none.
-INVERTED_END = "INVERTED_END"
+#: The reason of a step that fails as it inverts points and its start has none.
+INVERTED = "INVERTED"
 
 
 class Stepper:
@@ -220,8 +222,8 @@ class Stepper:
 
     The first increment starts from the problem's load. Every multiple of 1/steps is the end of an
     increment. A failed step is rolled back and halved; after a step that converges the size
-    doubles, up to the nominal size. In statics, the first step that inverts points counts as
-    failed, as its halves may invert none.
+    doubles, up to the nominal size. In statics, the first step that inverts points fails, as its
+    halves may invert none: at its end, or once filtered Newton steps make little progress.
 
     Parameters
     ----------
@@ -287,6 +289,7 @@ class Stepper:
         self._last: dict[str, Any] = {}
         #: The end of the last step that failed by inverted points: no step up to it fails so again.
         self._doubted = -1.0
+        self._reason = ""  # why the last step was given up
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
 
@@ -340,13 +343,17 @@ class Stepper:
         """
         problem, watch = self.problem, Stopwatch()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
-        before = problem.x.copy()
+        before, context = problem.x.copy(), self.solver.snes.getPythonContext()
+        context.give_up = None if self.motion else partial(self._inverts, before, to)
         outcome = self.solver.solve(
             to,
             lambda outcome: estimate.update(self._judge(outcome, before, to)),
             predict=predict,
             restore=restore,
         )
+        context.give_up = None
+        if outcome.gave_up:
+            outcome.reason = self._reason
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history
@@ -456,10 +463,9 @@ class Stepper:
         Return {"error": local error} of a time step with a tolerance, else {}.
         """
         motion = self.motion
-        if motion is None:
-            self._fail_inverting_step(outcome, start, to)
-            return {}
-        if motion.tolerance is None:
+        if self._inverts(start, to, self.problem.x):
+            outcome.converged, outcome.reason = False, self._reason
+        if motion is None or motion.tolerance is None:
             return {}
         ratio = motion.local_error(self.problem) / motion.tolerance
         self.size.ratio = ratio
@@ -467,16 +473,19 @@ class Stepper:
             outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
         return {"error": ratio * motion.tolerance}
 
-    def _fail_inverting_step(self, outcome: StepOutcome, start: PETSc.Vec, to: float) -> None:
-        """Fail a divisible step whose end has inverted points and whose start has none."""
-        problem = self.problem
-        if to <= self._doubted or not self.size.is_divisible:
-            return
-        if not (lowest := problem.measures(problem.x)["min_J"]) <= 0:
-            return
-        if problem.measures(start)["min_J"] > 0:
-            self._doubted, outcome.converged = to, False
-            outcome.reason = f"{INVERTED_END}: min J = {lowest:.2g}, at the start > 0"
+    def _inverts(self, start: PETSc.Vec, to: float, end: PETSc.Vec) -> bool:
+        """Return whether a divisible static step inverts points at ``end``, and none at ``start``.
+
+        The next step up to ``to`` may invert points.
+        """
+        if self.motion or to <= self._doubted or not self.size.is_divisible:
+            return False
+        lowest, before = (self.problem.measures(x)["min_J"] for x in (end, start))
+        if not lowest <= 0 < before:
+            return False
+        self._doubted = to
+        self._reason = f"{INVERTED}: min J = {lowest:.2g}, at the start > 0"
+        return True
 
 
 #: A failed step is halved at most this many times: 1/64 of a nominal step.

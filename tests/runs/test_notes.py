@@ -101,7 +101,7 @@ def test_a_step_that_inverts_points_is_followed_in_halves(tmp_path):
     assert [(row["load"], row["converged"]) for row in one.steps] == [
         (1.0, False), (0.5, True), (1.0, True)
     ]  # fmt: skip
-    assert one.steps[0]["reason"].startswith("INVERTED_END: min J = -0.")
+    assert one.steps[0]["reason"].startswith("INVERTED: min J = -0.")
     for ours, theirs in zip(one.steps[1:], two.steps, strict=True):
         assert ours["energy"] == pytest.approx(theirs["energy"], rel=1e-6)
         assert ours["min_J"] > 0
