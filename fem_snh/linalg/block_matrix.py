@@ -13,6 +13,7 @@ a linear solver that copies the values anyway needs no second copy of them in AI
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +38,8 @@ _LANES = 4
 _API = ("block_matrix_api.h", "coarse_space_api.h")
 _FUNCTIONS = ("block_matrix_kernels.h", "coarse_space_kernels.h")
 
+#: The stages of the sweeps, see block_matrix_api.h.
+EARLY, INTERIOR, LATE = range(3)
 #: Functions in the deflation space Z per component and subdomain: a lane of a vector register each.
 FUNCTIONS = 4
 
@@ -66,6 +69,8 @@ class SymmetricBlockMatrix:
         Rows of a block: 2 or 3.
     blocks : DisplacementBlocks
         The offsets of the values; columns ascend in each row, and the pattern is symmetric.
+    interface : Interface or None
+        Order of the sweeps, and exchanges between their stages; None on one rank.
 
     Raises
     ------
@@ -78,6 +83,7 @@ class SymmetricBlockMatrix:
         library: tuple[FFI, Lib],
         size: int,
         blocks: DisplacementBlocks,
+        interface: Interface | None = None,
     ) -> None:
         self.ffi, self.lib = library
         diagonal, off_diagonal = blocks.diagonal, blocks.off_diagonal
@@ -90,11 +96,19 @@ class SymmetricBlockMatrix:
                 "the built-in linear solver: expected a matrix with a diagonal block in every row "
                 "(set -ksp_type for another solver)"
             )
-        above = indices > row
-        upper_start = np.concatenate([[0], np.cumsum(np.bincount(row[above], minlength=self.rows))])
+        stage = interface.stage if interface else np.full(self.rows, INTERIOR)
+        order = np.argsort(stage, kind="stable")
+        position = np.argsort(order)
+        row = position[row]
+        above = np.flatnonzero(position[indices] > row)
+        above = above[np.argsort(row[above], kind="stable")]
+        upper_start = np.searchsorted(row[above], np.arange(self.rows + 1))
         arrays: dict[str, Array] = {
+            "order": order.astype(np.int32),
+            "stage_start": np.searchsorted(stage[order], np.arange(4)).astype(np.int32),
             "upper_start": upper_start.astype(np.int32),
             "upper_column": indices[above].astype(np.int32),
+            "upper_value": diagonal.offset[above],
             "aij_start": indptr.astype(np.int32),
             "aij_diagonal": (on_diagonal - indptr[:-1]).astype(np.int32),
             "aij_offset": diagonal.row_offset,
@@ -105,7 +119,9 @@ class SymmetricBlockMatrix:
             "link": np.zeros(4 * (self.rows + 1), np.float32),
             "lanes": np.zeros(8 * self.rows, np.float32),
         }
-        if off_diagonal is not None:
+        if off_diagonal is not None and interface:
+            arrays["ghost_stage"], arrays["ghosts"] = interface.ghost_stage, interface.ghosts
+            arrays["other_ghosts"] = interface.other_ghosts
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
             arrays["off_diagonal_value"] = off_diagonal.offset
@@ -442,5 +458,62 @@ class Halo:
 
     def exchange(self, values: np.ndarray) -> None:
         """Set `ghosts` from the ``values``, (width rows,), of the nodes that each rank owns."""
+        self.begin(values)
+        self.end(values)
+
+    def begin(self, values: np.ndarray) -> None:
+        """Begin an exchange; the values must not change before its end."""
         self._forest.bcastBegin(self._node, values, self.ghosts, MPI.REPLACE)
+
+    def end(self, values: np.ndarray) -> None:
+        """End the exchange of ``values``."""
         self._forest.bcastEnd(self._node, values, self.ghosts, MPI.REPLACE)
+
+    def part(self, chosen: Array, ghosts: Array) -> Halo:
+        """Return the exchange of the ghost nodes where ``chosen``, (ghosts,) bool, into `ghosts`."""
+        part = copy(self)
+        nodes = np.flatnonzero(chosen).astype(PETSc.IntType)
+        part._forest, part.ghosts = self._forest.createEmbeddedLeafSF(nodes), ghosts
+        return part
+
+
+class Interface:
+    """The stages of this rank's rows in the sweeps, and the exchanges between them. Collective.
+
+    A row that couples to other ranks is early if most of these couplings are to higher ranks, and
+    late otherwise. All ranks sweep over early rows, then over rows without such couplings, during
+    which late rows receive the values of the early ones (Adams 2001).
+
+    Attributes
+    ----------
+    stage : (rows,)
+        EARLY, INTERIOR or LATE.
+    ghost_stage : (ghosts,) int32
+        EARLY or LATE.
+    ghosts, other_ghosts : (ghosts, size) float32
+        The values received.
+    early_to_early : Halo
+        Exchange from early rows to other ranks' early rows.
+    after : dict of tuple of Halo
+        Exchanges after a sweep's first stage, EARLY or LATE, for one vector and for another.
+    """
+
+    def __init__(self, comm: MPI.Comm, blocks: DisplacementBlocks, halo: Halo) -> None:
+        assert blocks.off_diagonal is not None
+        indptr, ghost = blocks.off_diagonal.indptr, blocks.off_diagonal.indices
+        rows, width = len(indptr) - 1, halo.ghosts.shape[1]
+        row = np.repeat(np.arange(rows), np.diff(indptr))
+        sign = np.where(blocks.ghosts < blocks.first[comm.rank + 1], -1, 1)
+        is_early = np.bincount(row, sign[ghost], rows) > 0
+        self.stage = np.where(is_early, EARLY, np.where(np.diff(indptr) > 0, LATE, INTERIOR))
+        halo.exchange(np.repeat(self.stage, width).astype(np.float32))
+        self.ghost_stage = halo.ghosts[:, 0].astype(np.int32)
+        self.ghosts, self.other_ghosts = both = np.zeros((2, *halo.ghosts.shape), np.float32)
+        needed = np.zeros((3, len(blocks.ghosts)), bool)  # by rows of each stage
+        needed[self.stage[row], ghost] = True
+        early = self.ghost_stage == EARLY
+        self.early_to_early = halo.part(early & needed[EARLY], self.ghosts)
+        self.after = {
+            EARLY: tuple(halo.part(early & needed[LATE], to) for to in both),
+            LATE: (halo.part(~early, self.ghosts),),
+        }

@@ -36,8 +36,9 @@ Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, isfinite, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -48,7 +49,11 @@ import numpy.typing as npt
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.errors import BadInput, on_every
 from fem_snh.linalg.block_matrix import (
+    EARLY,
+    INTERIOR,
+    LATE,
     Halo,
+    Interface,
     SymmetricBlockMatrix,
     displacement_blocks,
     open_kernels,
@@ -351,9 +356,11 @@ class SSORSystem:
         self._pattern, self._coordinates = _pattern(A), coordinates
         library = open_kernels(self.comm, block)
         blocks = displacement_blocks(A)
-        self.matrix = on_every(self.comm, SymmetricBlockMatrix, library, block, blocks)
         shared = blocks.off_diagonal is not None
         self.halo = Halo(self.comm, blocks.first, blocks.ghosts, block) if shared else None
+        self._interface = Interface(self.comm, blocks, self.halo) if self.halo else None
+        parts = library, block, blocks, self._interface
+        self.matrix = on_every(self.comm, SymmetricBlockMatrix, *parts)
         self._total = np.zeros(1)
         self.deflation: Deflation | None = None
         if subdomains == AUTOMATIC and coordinates is not None:
@@ -370,7 +377,6 @@ class SSORSystem:
             key: np.zeros(size, np.float32) for key in "xrzptwq"
         }
         self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
-        self._vectors["ghosts"] = self.halo.ghosts if self.halo else self._x
         self._pointers = {key: self.matrix.pointer(v) for key, v in self._vectors.items()}
 
     def fits(self, A: PETSc.Mat) -> bool:
@@ -412,31 +418,31 @@ class SSORSystem:
         """Start CG at x = 0 for the right-hand side ``residual``, which deflation projects."""
         size = residual.norm(PETSc.NormType.INFINITY)
         self._size = size = size if isfinite(size) and size > 0 else 1.0
-        lib, struct, v = self.matrix.lib, self.matrix.struct, self._pointers
+        lib, v = self.matrix.lib, self._pointers
         self._r[:] = residual.array_r / size
         for key in "xptq":
             self._vectors[key][:] = 0
         if self.deflation:
             self._vectors["z"][:] = self._r
             self.deflation.start(v["r"])
-            whole = self._sum(lib.matrix_solve_lower_both(struct, v["r"], v["z"]))
+            whole = self._sum(self._sweep(lib.matrix_solve_lower_both, EARLY, "rz", v["r"], v["z"]))
             rho = self.update_vectors(0.0)
         else:
-            lib.matrix_solve_lower(struct, v["r"])
+            self._sweep(lib.matrix_solve_lower, EARLY, "r", v["r"])
             whole = rho = self.update_vectors(0.0)
         norm, deflated = (size * sqrt(self.scale * max(square, 0.0)) for square in (whole, rho))
         return CycleStart(norm, deflated, size * self.scale, rho)
 
     def update_direction(self, beta: float) -> float:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
-        matrix, v = self.matrix, self._pointers
-        matrix.lib.matrix_backward_sweep(matrix.struct, beta, v["z"], v["p"], v["t"], v["w"])
-        if self.halo:
-            self.halo.exchange(self._t)
+        lib, v = self.matrix.lib, self._pointers
+        self._backward(beta)
+        if self._interface:
+            self._interface.early_to_early.exchange(self._t)
         if self.deflation:
             self.deflation.project(v["t"], v["w"])
-        arguments = v["p"], v["t"], v["ghosts"], v["w"], v["q"]
-        return self._sum(matrix.lib.matrix_forward_sweep(matrix.struct, *arguments))
+        arguments = (v[key] for key in "ptwq")
+        return self._sum(self._sweep(lib.matrix_forward_sweep, EARLY, "q", *arguments))
 
     def update_vectors(self, alpha: float) -> float:
         """Compute x += alpha t, r -= alpha q and z = D r; return r.z."""
@@ -448,7 +454,7 @@ class SSORSystem:
         """Return this rank's b - A x of the present x, (size rows,), to single precision."""
         matrix, r = self.matrix, np.empty(len(self._r))
         pointers = self._pointers["r"], self._size, matrix.pointer(r)
-        matrix.lib.matrix_multiply_lower(matrix.struct, *pointers)
+        self._sweep(matrix.lib.matrix_multiply_lower, EARLY, "r", *pointers)
         return r
 
     def precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -458,9 +464,9 @@ class SSORSystem:
         matrix, v = self.matrix, self._pointers
         self._r[:] = x.array_r / size
         self._vectors["p"][:] = 0
-        matrix.lib.matrix_solve_lower(matrix.struct, v["r"])
+        self._sweep(matrix.lib.matrix_solve_lower, EARLY, "r", v["r"])
         matrix.lib.matrix_cg_update(matrix.struct, 0.0, *(v[key] for key in "tqxrz"))  # z = D r
-        matrix.lib.matrix_backward_sweep(matrix.struct, 0.0, v["z"], v["p"], v["t"], v["w"])
+        self._backward(0.0)
         y.array[:] = np.multiply(self._t, size * self.scale, dtype=np.float64)
 
     def direction_norm_squared(self) -> float:
@@ -473,6 +479,29 @@ class SSORSystem:
             self.deflation.finish(self._pointers["x"])
         # A float32 array times a float is float32, in which forces of 1e40 overflow.
         x.array[:] += np.multiply(self._x, unit, dtype=np.float64)
+
+    def _backward(self, beta: float) -> None:
+        """Compute p = z + beta p, t = (D + L)^-T p and w = L^T t."""
+        arguments = (self._pointers[key] for key in "zptw")
+        self._sweep(self.matrix.lib.matrix_backward_sweep, LATE, "t", beta, *arguments)
+
+    def _sweep(
+        self, kernel: Callable[..., float], first: int, exchanged: str, *arguments: Any
+    ) -> float:
+        """Run a kernel's stages from the ``first`` on; return the result of the last.
+
+        The first stage's rows of the vectors ``exchanged`` go to other ranks during the second.
+        """
+        struct = self.matrix.struct
+        halos = self._interface.after[first] if self._interface else ()
+        exchanges = [(to, self._vectors[key]) for to, key in zip(halos, exchanged, strict=False)]
+        kernel(struct, first, *arguments)
+        for halo, values in exchanges:
+            halo.begin(values)
+        kernel(struct, INTERIOR, *arguments)
+        for halo, values in exchanges:
+            halo.end(values)
+        return kernel(struct, EARLY + LATE - first, *arguments)
 
     def _sum(self, own: float) -> float:
         """Return the sum of ``own`` over all ranks."""

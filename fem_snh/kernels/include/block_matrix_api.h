@@ -2,14 +2,23 @@
  * Python fills the struct by field name. A block has BLOCK rows, 2 or 3, the components of a displacement, and
  * ENTRIES = BLOCK^2 entries. Vectors are [rows][BLOCK] floats unless stated. */
 
-/* One rank's rows of a symmetric matrix of blocks in single precision. The columns of this rank are
- * A = L + D - shift + L^T; the columns of other ranks are the off-diagonal block of PETSc's AIJ format. D is block
- * diagonal; of L and L^T only U = L^T is stored. A block row of U with n blocks is BLOCK rows of BLOCK n floats.
+/* The stages of a forward substitution, and in the opposite order of a backward one. Rows that couple to other ranks
+ * are early or late: between ranks, early rows precede late rows. One rank alone has interior rows only. */
+enum { EARLY, INTERIOR, LATE };
+
+/* One rank's rows of a symmetric matrix of blocks in single precision, A = L + D - shift + L^T + R. D is block
+ * diagonal. L has the couplings of rows to earlier rows in the order of the sweeps, those of a late row to other ranks'
+ * early rows among them; R has the couplings of early to early and of late to late rows of different ranks. Of this
+ * rank's part of L and L^T only that of U = L^T is stored, its rows in the order of the sweeps. A block row of U with
+ * n blocks is BLOCK rows of BLOCK n floats. The columns of other ranks are stored alike, as in PETSc's AIJ format.
  * Arrays with "4 more" floats have them at the end, because the load of a last block reads beyond it. */
 typedef struct {
   int rows;                     /* block rows */
-  const int *upper_start;       /* [rows + 1] index of a row's first block in U */
+  const int *order;             /* [rows] the rows in the order of the forward sweep: early, interior, late */
+  const int *stage_start;       /* [4] index in `order` of each stage's first row, and `rows` */
+  const int *upper_start;       /* [rows + 1] index of the first block in U of each row in `order` */
   const int *upper_column;      /* block columns of U */
+  const long *upper_value;      /* offset of each block's first value in the AIJ matrix's diagonal block */
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix's diagonal block */
   const int *aij_diagonal;      /* [rows] position of the diagonal block in a row of the AIJ matrix */
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
@@ -17,14 +26,17 @@ typedef struct {
   float *upper;                 /* U, and 4 more */
   float *diagonal;              /* [rows][ENTRIES] and 4 more: D, A's diagonal blocks plus `shift` */
   float *diagonal_inverse;      /* [rows][ENTRIES] and 4 more: D^-1 */
-  float *link;                  /* [rows + 1][2][2] if BLOCK is 2: L_ij D_j^-1 with j = i - 1, by columns; 0 where L_ij = 0 */
+  float *link;                  /* [rows + 1][2][2] if BLOCK is 2: L_ij D_j^-1 of rows j, i that are consecutive in `order`, by columns; 0 where L_ij = 0 */
   float *lanes;                 /* [rows][2][4] work space of the sweeps */
   const int *off_diagonal_start;  /* [rows + 1] index of a row's first block in other ranks' columns; NULL on one rank */
   const int *off_diagonal_column; /* ghost node of each block */
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix's off-diagonal block */
   const int *off_diagonal_stride;   /* [rows] values in each scalar row of the AIJ matrix's off-diagonal block */
   float *off_diagonal;            /* the blocks of other ranks' columns, stored as U */
-  float *shift;                   /* [rows][BLOCK] OFF_DIAGONAL_WEIGHT times the absolute row sums of `off_diagonal` */
+  const int *ghost_stage;         /* [ghosts] EARLY or LATE */
+  const float *ghosts;            /* [ghosts][BLOCK] values at the ghost nodes, as each function says */
+  const float *other_ghosts;      /* [ghosts][BLOCK] likewise, of a second vector */
+  float *shift;                   /* [rows][BLOCK] absolute row sums of R: M then bounds A (Baker et al. 2011) */
 } SymmetricBlockMatrix;
 
 /* Copy the values of an AIJ matrix's diagonal and off-diagonal block, times `scale`, add `shift` to D and invert D.
@@ -34,21 +46,26 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
 /* The largest |entry| on the diagonal of the AIJ matrix; infinity if one is not finite. */
 double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *values);
 
-/* w = (D + L)^-1 w. */
-void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w);
+/* The functions with a `stage` do that part of their work. Forward ones have to be called for EARLY, INTERIOR and LATE;
+ * between the first and the last, `ghosts` must receive the result of EARLY from other ranks' early rows. */
 
-/* w = (D + L)^-1 w and y = (D + L)^-1 other in one sweep. Returns y.D y = other.M^-1 other, where M is the
- * preconditioner (D + L) D^-1 (D + U). */
-double matrix_solve_lower_both(const SymmetricBlockMatrix *b, float *w, const float *other);
+/* w = (D + L)^-1 w. Returns 0. */
+double matrix_solve_lower(const SymmetricBlockMatrix *b, int stage, float *w);
 
-/* y = factor (D + L) w, in double precision. */
-void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double factor, double *y);
+/* w = (D + L)^-1 w and y = (D + L)^-1 y in one sweep; other_ghosts receive y. LATE returns y.D y = r.M^-1 r of the
+ * former y = r, where M is the preconditioner (D + L) D^-1 (D + L)^T. */
+double matrix_solve_lower_both(const SymmetricBlockMatrix *b, int stage, float *w, float *y);
 
-/* p = z + beta p, t = (D + U)^-1 p, w = U t. */
-void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w);
+/* y = factor (D + L) w, in double precision; the ghosts receive w. Returns 0. */
+double matrix_multiply_lower(const SymmetricBlockMatrix *b, int stage, const float *w, double factor, double *y);
 
-/* q = t + (D + L)^-1 (w - shift t + off_diagonal ghosts), with t at the ghost nodes in `ghosts`. Returns p.q. */
-double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, const float *w, float *q);
+/* p = z + beta p, t = (D + L)^-T p, w = L^T t. The stages are LATE, INTERIOR and EARLY; the ghosts must receive t of
+ * LATE before EARLY. Returns 0. */
+double matrix_backward_sweep(const SymmetricBlockMatrix *b, int stage, float beta, const float *z, float *p, float *t, float *w);
+
+/* q = t + (D + L)^-1 (w - shift t + R t), with t at the ghosts before EARLY, which leaves the solution's early rows in q
+ * for the early ghosts to receive. LATE returns p.q. */
+double matrix_forward_sweep(const SymmetricBlockMatrix *b, int stage, const float *p, const float *t, const float *w, float *q);
 
 /* x += alpha t, r -= alpha q, z = D r. Returns r.z. */
 double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float *t, const float *q, float *x, float *r, float *z);

@@ -2,10 +2,6 @@
  * conjugate gradients in the form of Eisenstat 1981, in which the product with A costs nothing beyond the
  * preconditioner's two triangular solves. */
 
-/* The fraction of the absolute row sums of other ranks' columns that is added to D. With 1, the preconditioner bounds
- * A, as the smoothers of Baker et al. 2011 do; iterations are fewest from 0.25 to 0.5 (docs/results/scaling.md). */
-#define OFF_DIAGONAL_WEIGHT 0.35f
-
 /* The code of a third component, if a block has three. */
 #if BLOCK == 3
 #define THIRD(...) __VA_ARGS__
@@ -42,50 +38,66 @@ static inline int invert_block(float *a, float *b) {
   return 0;
 }
 
-/* Whether row i has a block in column i + 1 that the sweeps apply by `link`. In a sweep over 2x2 blocks each row waits
- * for the solution of the row before. `link` updates its right-hand side directly from the right-hand side before, by
- * one product instead of two with a store and a load. This wait does not limit larger blocks. */
-static inline int is_linked(const SymmetricBlockMatrix *b, long i) {
-  return BLOCK == 2 && b->upper_start[i] < b->upper_start[i + 1] && b->upper_column[b->upper_start[i]] == i + 1;
+/* Whether row k in the order of the sweeps is coupled to the next one by a block that the sweeps apply by `link`. In a
+ * sweep over 2x2 blocks each row waits for the solution of the row before. `link` updates its right-hand side directly
+ * from the right-hand side before, by one product instead of two with a store and a load. This wait does not limit
+ * larger blocks. A stage's last row has no link. */
+static inline int is_linked(const SymmetricBlockMatrix *b, long k) {
+  return BLOCK == 2 && k + 1 != b->stage_start[INTERIOR] && k + 1 != b->stage_start[LATE] &&
+         b->upper_start[k] < b->upper_start[k + 1] && b->upper_column[b->upper_start[k]] == b->order[k + 1];
 }
 
-/* Set link i + 1, U_i,i+1 transposed times D_i^-1. */
-static inline void set_link(const SymmetricBlockMatrix *b, long i) {
-  const float *d = b->diagonal_inverse + ENTRIES * i, *u = b->upper + (long)ENTRIES * b->upper_start[i];
-  const long length = (long)BLOCK * (b->upper_start[i + 1] - b->upper_start[i]);
-  for (int m = 0; m < 4; m++) b->link[4 * (i + 1) + m] = u[m % 2] * d[m / 2] + u[length + m % 2] * d[2 + m / 2];
+/* Set link k + 1, U_ij transposed times D_i^-1 with i and j the rows k and k + 1 in the order of the sweeps. */
+static inline void set_link(const SymmetricBlockMatrix *b, long k) {
+  const float *d = b->diagonal_inverse + (long)ENTRIES * b->order[k], *u = b->upper + (long)ENTRIES * b->upper_start[k];
+  const long length = (long)BLOCK * (b->upper_start[k + 1] - b->upper_start[k]);
+  for (int m = 0; m < 4; m++) b->link[4 * (k + 1) + m] = u[m % 2] * d[m / 2] + u[length + m % 2] * d[2 + m / 2];
+}
+
+/* Copy row k of U in the order of the sweeps. Its blocks ascend in the AIJ matrix, and are mostly contiguous there. */
+static inline void fill_upper(const SymmetricBlockMatrix *b, long k, const double *values, double scale) {
+  const int first = b->upper_start[k], n = b->upper_start[k + 1] - first;
+  if (!n) return;
+  const long *at = b->upper_value + first, stride = b->aij_stride[b->order[k]], length = (long)BLOCK * n;
+  float *u = b->upper + ENTRIES * first;
+  if (at[n - 1] - at[0] == length - BLOCK)
+    for (int r = 0; r < BLOCK; r++)
+      for (long c = 0; c < length; c++) u[r * length + c] = values[at[0] + r * stride + c] * scale;
+  else
+    for (int r = 0; r < BLOCK; r++)
+      for (long c = 0; c < length; c++) u[r * length + c] = values[at[c / BLOCK] + r * stride + c % BLOCK] * scale;
 }
 
 long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale) {
   long bad = 0;
   for (int i = 0; i < b->rows; i++) {
-    const int n = b->upper_start[i + 1] - b->upper_start[i];
-    const double *row = values + b->aij_offset[i];
-    float *u = b->upper + ENTRIES * b->upper_start[i], *d = b->diagonal + ENTRIES * i;
-    const long length = (long)BLOCK * n, from = (long)BLOCK * b->aij_diagonal[i];
-    for (int k = 0; k < BLOCK; k++, row += b->aij_stride[i]) {
-      for (int c = 0; c < BLOCK; c++) d[BLOCK * k + c] = row[from + c] * scale;
-      for (long c = 0; c < length; c++) u[k * length + c] = row[from + BLOCK + c] * scale;
-    }
+    const double *row = values + b->aij_offset[i] + (long)BLOCK * b->aij_diagonal[i];
+    float *d = b->diagonal + ENTRIES * i;
+    for (int k = 0; k < BLOCK; k++, row += b->aij_stride[i])
+      for (int c = 0; c < BLOCK; c++) d[BLOCK * k + c] = row[c] * scale;
+    fill_upper(b, i, values, scale);
   }
-  for (int i = 0; b->off_diagonal_start && i < b->rows; i++) {
-    const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
-    float *shift = b->shift + (long)BLOCK * i;
-    for (int r = 0; r < BLOCK; r++) shift[r] = 0;
-    for (int k = 0; k < n; k++)
-      for (int r = 0; r < BLOCK; r++) {
-        const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
-        float *to = b->off_diagonal + ENTRIES * first + (long)BLOCK * (r * n + k);
-        for (int c = 0; c < BLOCK; c++) {
-          to[c] = from[c] * scale;
-          shift[r] += OFF_DIAGONAL_WEIGHT * fabsf(to[c]);
+  for (int stage = EARLY; b->off_diagonal_start && stage <= LATE; stage++)
+    for (int at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
+      const int i = b->order[at], first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
+      float *shift = b->shift + (long)BLOCK * i;
+      for (int r = 0; r < BLOCK; r++) shift[r] = 0;
+      for (int k = 0; k < n; k++) {
+        const int remaining = b->ghost_stage[b->off_diagonal_column[first + k]] == stage;
+        for (int r = 0; r < BLOCK; r++) {
+          const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
+          float *to = b->off_diagonal + ENTRIES * first + (long)BLOCK * (r * n + k);
+          for (int c = 0; c < BLOCK; c++) {
+            to[c] = from[c] * scale;
+            shift[r] += remaining * fabsf(to[c]);
+          }
         }
       }
-    for (int r = 0; r < BLOCK; r++) b->diagonal[ENTRIES * i + (BLOCK + 1) * r] += shift[r];
-  }
+      for (int r = 0; r < BLOCK; r++) b->diagonal[ENTRIES * i + (BLOCK + 1) * r] += shift[r];
+    }
   for (long i = 0; i < b->rows; i++) bad += !invert_block(b->diagonal + ENTRIES * i, b->diagonal_inverse + ENTRIES * i);
-  for (long i = 0; i < b->rows; i++)
-    if (is_linked(b, i)) set_link(b, i);
+  for (long k = 0; k < b->rows; k++)
+    if (is_linked(b, k)) set_link(b, k);
   return bad;
 }
 
@@ -119,81 +131,108 @@ static inline f4 multiply_block(const float *m, f4 x) {
 static inline f4 multiply_link(const float *m, f4 x) { return load4(m) * x[0] + (f4){m[2], m[3]} * x[1]; }
 static inline f4 multiply_link_transposed(const float *m, f4 x) { return (f4){m[0], m[2]} * x[0] + (f4){m[1], m[3]} * x[1]; }
 
-/* Forward substitution for one or two right-hand sides in `lanes`, [rows][sides][4]. The solutions y replace them: row
- * i is final when it is reached, and L_ki y_i is then subtracted from the rows k > i. L_ki is the transpose of the
- * stored U_ik. */
-static inline __attribute__((always_inline)) void solve_lower_lanes(const SymmetricBlockMatrix *b, const int sides) {
+/* The product of row i's blocks in the columns of other ranks' early (or late) nodes with their values. */
+static inline f4 multiply_ghosts(const SymmetricBlockMatrix *b, int i, int stage, const float *values) {
+  f4 s = {0};
+  const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
+  const float *row = b->off_diagonal + ENTRIES * first;
+  for (int k = 0; k < n; k++, row += BLOCK) {
+    const int ghost = b->off_diagonal_column[first + k];
+    if (b->ghost_stage[ghost] != stage) continue;
+    const float *x = values + (long)BLOCK * ghost;
+    for (int r = 0; r < BLOCK; r++)
+      for (int c = 0; c < BLOCK; c++) s[r] += row[(long)BLOCK * n * r + c] * x[c];
+  }
+  return s;
+}
+
+/* One stage of the forward substitution for one or two right-hand sides in `lanes`, [rows][sides][4]. The solutions y
+ * replace them: row i is final when it is reached, and L_ki y_i is then subtracted from the later rows k of this rank.
+ * L_ki is the transpose of the stored U_ik. */
+static inline __attribute__((always_inline)) void solve_lower_lanes(const SymmetricBlockMatrix *b, const int stage, const int sides) {
   f4 last[2] = {{0}, {0}};
-  for (int i = 0; i < b->rows; i++) {
-    const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
+  for (int at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
+    const int i = b->order[at], first = b->upper_start[at], n = b->upper_start[at + 1] - first;
     const long length = (long)BLOCK * n;
-    const float *u = b->upper + ENTRIES * b->upper_start[i];
-    const int linked = is_linked(b, i);
+    const float *u = b->upper + ENTRIES * first;
+    const int linked = is_linked(b, at);
     f4 y[2];
     for (int s = 0; s < sides; s++) {
-      float *at = b->lanes + 4L * (sides * i + s);
-      f4 right = load4(at);
-      if (BLOCK == 2) last[s] = right -= multiply_link(b->link + 4 * i, last[s]);
-      *(f4 *)at = y[s] = multiply_block(b->diagonal_inverse + ENTRIES * i, right);
+      float *own = b->lanes + 4L * (sides * i + s);
+      f4 right = load4(own);
+      if (stage == LATE) right -= multiply_ghosts(b, i, EARLY, s ? b->other_ghosts : b->ghosts);
+      if (BLOCK == 2) last[s] = right -= multiply_link(b->link + 4 * at, last[s]);
+      *(f4 *)own = y[s] = multiply_block(b->diagonal_inverse + ENTRIES * i, right);
     }
     u += BLOCK * linked;
     for (int k = linked; k < n; k++, u += BLOCK) {
       const f4 u0 = load4(u), u1 = load4(u + length) THIRD(, u2 = load4(u + 2 * length));
-      float *at = b->lanes + 4L * sides * b->upper_column[first + k];
+      float *to = b->lanes + 4L * sides * b->upper_column[first + k];
       for (int s = 0; s < sides; s++) {
         const f4 product = u0 * y[s][0] + u1 * y[s][1] THIRD(+ u2 * y[s][2]);
-        *(f4 *)(at + 4 * s) -= product;
+        *(f4 *)(to + 4 * s) -= product;
       }
     }
   }
 }
 
-void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
-  for (long i = 0; i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load_node(w + BLOCK * i);
-  solve_lower_lanes(b, 1);
-  for (long i = 0; i < b->rows; i++) store_node(w + BLOCK * i, load4(b->lanes + 4 * i));
+double matrix_solve_lower(const SymmetricBlockMatrix *b, int stage, float *w) {
+  for (long i = 0; stage == EARLY && i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load_node(w + BLOCK * i);
+  solve_lower_lanes(b, stage, 1);
+  for (long at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
+    const long i = b->order[at];
+    store_node(w + BLOCK * i, load4(b->lanes + 4 * i));
+  }
+  return 0;
 }
 
-double matrix_solve_lower_both(const SymmetricBlockMatrix *b, float *w, const float *other) {
-  for (long i = 0; i < b->rows; i++) {
+double matrix_solve_lower_both(const SymmetricBlockMatrix *b, int stage, float *w, float *y) {
+  for (long i = 0; stage == EARLY && i < b->rows; i++) {
     *(f4 *)(b->lanes + 8 * i) = load_node(w + BLOCK * i);
-    *(f4 *)(b->lanes + 8 * i + 4) = load_node(other + BLOCK * i);
+    *(f4 *)(b->lanes + 8 * i + 4) = load_node(y + BLOCK * i);
   }
-  solve_lower_lanes(b, 2);
-  double norm_squared = 0;
-  for (long i = 0; i < b->rows; i++) {
+  solve_lower_lanes(b, stage, 2);
+  for (long at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
+    const long i = b->order[at];
     store_node(w + BLOCK * i, load4(b->lanes + 8 * i));
-    const f4 y = load4(b->lanes + 8 * i + 4), z = multiply_block(b->diagonal + ENTRIES * i, y);
-    for (int c = 0; c < BLOCK; c++) norm_squared += (double)y[c] * z[c];
+    store_node(y + BLOCK * i, load4(b->lanes + 8 * i + 4));
+  }
+  double norm_squared = 0;
+  for (long i = 0; stage == LATE && i < b->rows; i++) {
+    const f4 solution = load4(b->lanes + 8 * i + 4), z = multiply_block(b->diagonal + ENTRIES * i, solution);
+    for (int c = 0; c < BLOCK; c++) norm_squared += (double)solution[c] * z[c];
   }
   return norm_squared;
 }
 
-void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double factor, double *y) {
-  memset(b->lanes, 0, 16L * b->rows);
-  for (long i = 0; i < b->rows; i++) {
-    const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
-    const long length = (long)BLOCK * n;
+double matrix_multiply_lower(const SymmetricBlockMatrix *b, int stage, const float *w, double factor, double *y) {
+  if (stage == EARLY) memset(b->lanes, 0, 16L * b->rows);
+  for (long at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
+    const int first = b->upper_start[at], n = b->upper_start[at + 1] - first;
+    const long i = b->order[at], length = (long)BLOCK * n;
     const float *u = b->upper + ENTRIES * first;
-    const f4 x = load_node(w + BLOCK * i), sum = load4(b->lanes + 4 * i) + multiply_block(b->diagonal + ENTRIES * i, x);
+    const f4 x = load_node(w + BLOCK * i);
+    f4 sum = load4(b->lanes + 4 * i) + multiply_block(b->diagonal + ENTRIES * i, x);
+    if (stage == LATE) sum += multiply_ghosts(b, i, EARLY, b->ghosts);
     for (int c = 0; c < BLOCK; c++) y[BLOCK * i + c] = factor * sum[c];
     for (int k = 0; k < n; k++, u += BLOCK) {
-      float *at = b->lanes + 4L * b->upper_column[first + k];
-      *(f4 *)at += load4(u) * x[0] + load4(u + length) * x[1] THIRD(+ load4(u + 2 * length) * x[2]);
+      float *to = b->lanes + 4L * b->upper_column[first + k];
+      *(f4 *)to += load4(u) * x[0] + load4(u + length) * x[1] THIRD(+ load4(u + 2 * length) * x[2]);
     }
   }
+  return 0;
 }
 
 /* The nodes that were computed last enter a row's sums last, so that the processor adds the other nodes before they
  * are known. Two sums for each component halve the chain of additions. */
-void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {
+double matrix_backward_sweep(const SymmetricBlockMatrix *b, int stage, float beta, const float *z, float *p, float *t, float *w) {
   f4 next = {0};
-  for (long i = b->rows - 1; i >= 0; i--) {
-    const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
-    const long length = (long)BLOCK * n;
-    const float *u = b->upper + ENTRIES * b->upper_start[i];
+  for (long at = b->stage_start[stage + 1] - 1; at >= b->stage_start[stage]; at--) {
+    const int first = b->upper_start[at], n = b->upper_start[at + 1] - first;
+    const long i = b->order[at], length = (long)BLOCK * n;
+    const float *u = b->upper + ENTRIES * first;
     f4 x0 = {0}, y0 = {0}, THIRD(z0 = {0},) x1 = {0}, y1 = {0} THIRD(, z1 = {0});
-    const int linked = is_linked(b, i);
+    const int linked = is_linked(b, at);
     int k = n - 1;
     for (; k > linked; k -= 2) {
       const int *column = b->upper_column + first + k;
@@ -209,34 +248,37 @@ void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const floa
     }
     x0 += x1; y0 += y1; THIRD(z0 += z1;)
     f4 s = {sum_lanes(x0), sum_lanes(y0), THIRD(sum_lanes(z0))};
+    if (stage == EARLY) s += multiply_ghosts(b, i, LATE, b->ghosts);
     const f4 direction = load_node(z + BLOCK * i) + beta * load_node(p + BLOCK * i);
     f4 solution = multiply_block(b->diagonal_inverse + ENTRIES * i, direction - s);
     if (linked) {
-      solution -= multiply_link_transposed(b->link + 4 * (i + 1), next);
+      solution -= multiply_link_transposed(b->link + 4 * (at + 1), next);
       s += (f4){u[0] * next[0] + u[1] * next[1], u[length] * next[0] + u[length + 1] * next[1]};
     }
     next = solution;
     *(f4 *)(b->lanes + 4 * i) = solution;
     store_node(p + BLOCK * i, direction); store_node(w + BLOCK * i, s); store_node(t + BLOCK * i, solution);
   }
+  return 0;
 }
 
-double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, const float *w, float *q) {
-  for (long i = 0; i < b->rows; i++) {
-    f4 s = load_node(w + BLOCK * i);
-    if (b->off_diagonal_start) {
-      for (int r = 0; r < BLOCK; r++) s[r] -= b->shift[(long)BLOCK * i + r] * t[(long)BLOCK * i + r];
-      const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
-      const float *row = b->off_diagonal + ENTRIES * first;
-      for (int r = 0; r < BLOCK && n; r++, row += (long)BLOCK * n)
-        for (int k = 0; k < n; k++)
-          for (int c = 0; c < BLOCK; c++) s[r] += row[BLOCK * k + c] * ghosts[(long)BLOCK * b->off_diagonal_column[first + k] + c];
+double matrix_forward_sweep(const SymmetricBlockMatrix *b, int stage, const float *p, const float *t, const float *w, float *q) {
+  for (long i = 0; stage == EARLY && i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load_node(w + BLOCK * i);
+  /* With t still at all ghosts, also for the late rows. */
+  for (int s = EARLY; stage == EARLY && s <= LATE && b->off_diagonal_start; s++)
+    for (long at = b->stage_start[s]; at < b->stage_start[s + 1] && s != INTERIOR; at++) {
+      const long i = b->order[at];
+      f4 sum = multiply_ghosts(b, i, s, b->ghosts);
+      for (int r = 0; r < BLOCK; r++) sum[r] -= b->shift[BLOCK * i + r] * t[BLOCK * i + r];
+      *(f4 *)(b->lanes + 4 * i) += sum;
     }
-    *(f4 *)(b->lanes + 4 * i) = s;
+  solve_lower_lanes(b, stage, 1);
+  for (long at = b->stage_start[EARLY]; stage == EARLY && at < b->stage_start[INTERIOR]; at++) {
+    const long i = b->order[at];
+    store_node(q + BLOCK * i, load4(b->lanes + 4 * i));
   }
-  solve_lower_lanes(b, 1);
   double dot = 0;
-  for (long i = 0; i < b->rows; i++) {
+  for (long i = 0; stage == LATE && i < b->rows; i++) {
     const f4 value = load_node(t + BLOCK * i) + load4(b->lanes + 4 * i);
     store_node(q + BLOCK * i, value);
     for (int c = 0; c < BLOCK; c++) dot += (double)p[BLOCK * i + c] * value[c];
