@@ -1,11 +1,12 @@
 /* Counts what this rank sends, through the profiling interface of MPI: `benchmarks.scaling` preloads it.
  *
  * A point-to-point message counts where it is sent, with its bytes; a collective call counts once on each rank, with the
- * bytes that the rank contributes. How a collective is made of messages is the matter of the MPI library. */
+ * bytes that the rank contributes. How a collective is made of messages is the matter of the MPI library. Gathered
+ * bytes are those that the rank holds after an allgather, a gather to it or a broadcast from another rank. */
 #include <mpi.h>
 #include <stdlib.h>
 
-static double counts[4]; /* messages, their bytes, collectives, their bytes */
+static double counts[5]; /* messages, their bytes, collectives, their bytes, gathered bytes */
 
 const double *mpi_counts(void) { return counts; }
 
@@ -22,6 +23,25 @@ static void add_collective(MPI_Comm c, double items, MPI_Datatype type) {
   PMPI_Comm_size(c, &ranks);
   if (ranks > 1) add(1, items, type);
 }
+
+static void add_gathered(MPI_Comm c, double items, MPI_Datatype type) {
+  int ranks, size;
+  PMPI_Comm_size(c, &ranks);
+  PMPI_Type_size(type, &size);
+  if (ranks > 1) counts[4] += items * size;
+}
+
+/* The sum of n[] over the ranks of c. */
+static double sum_of_ranks(MPI_Comm c, const int n[]) {
+  int ranks;
+  double all = 0;
+  PMPI_Comm_size(c, &ranks);
+  for (int i = 0; i < ranks; i++) all += n[i];
+  return all;
+}
+
+static double number_of_ranks(MPI_Comm c) { int ranks; PMPI_Comm_size(c, &ranks); return ranks; }
+static int rank_of(MPI_Comm c) { int rank; PMPI_Comm_rank(c, &rank); return rank; }
 
 #define SENDING(name, ...)                                                                                       \
   int MPI_##name(const void *b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c __VA_ARGS__) {                 \
@@ -72,7 +92,11 @@ int MPI_Startall(int n, MPI_Request r[]) {
 
 int MPI_Barrier(MPI_Comm c) { add_collective(c, 0, MPI_DATATYPE_NULL); return PMPI_Barrier(c); }
 
-int MPI_Bcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c) { add_collective(c, n, t); return PMPI_Bcast(b, n, t, root, c); }
+int MPI_Bcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c) {
+  add_collective(c, n, t);
+  if (rank_of(c) != root) add_gathered(c, n, t);
+  return PMPI_Bcast(b, n, t, root, c);
+}
 
 int MPI_Reduce(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, int root, MPI_Comm c) {
   add_collective(c, n, t);
@@ -102,21 +126,25 @@ int MPI_Ibcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c, MPI_Request
 
 int MPI_Allgather(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, MPI_Comm c) {
   add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_gathered(c, m * number_of_ranks(c), u);
   return PMPI_Allgather(s, n, t, r, m, u, c);
 }
 
 int MPI_Allgatherv(const void *s, int n, MPI_Datatype t, void *r, const int m[], const int d[], MPI_Datatype u, MPI_Comm c) {
   add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_gathered(c, sum_of_ranks(c, m), u);
   return PMPI_Allgatherv(s, n, t, r, m, d, u, c);
 }
 
 int MPI_Gather(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, int root, MPI_Comm c) {
   add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  if (rank_of(c) == root) add_gathered(c, m * number_of_ranks(c), u);
   return PMPI_Gather(s, n, t, r, m, u, root, c);
 }
 
 int MPI_Gatherv(const void *s, int n, MPI_Datatype t, void *r, const int m[], const int d[], MPI_Datatype u, int root, MPI_Comm c) {
   add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  if (rank_of(c) == root) add_gathered(c, sum_of_ranks(c, m), u);
   return PMPI_Gatherv(s, n, t, r, m, d, u, root, c);
 }
 

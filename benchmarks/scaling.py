@@ -102,13 +102,7 @@ class _Bench:
     ) -> None:
         self._folder, self._settings, self._limits = folder, settings, (timeout, memory)
         self._coarse: dict[tuple[int, int], tuple[float, float]] = {}
-        source, self._library = Path(__file__).with_name("mpi_counter.c"), folder / "counter.so"
-        command = ["mpicc", "-shared", "-fPIC", "-O2", str(source), "-lmpi_mpifh"]
-        done = subprocess.run(
-            [*command, "-o", str(self._library)], capture_output=True, text=True, check=False
-        )
-        if done.returncode:
-            raise BadInput(f"benchmark scaling: mpicc failed: {done.stderr.strip()[-300:]}")
+        self._library = counting_library(folder)
 
     def run(self, ranks: int, cells: int, subdomains: int | None = None) -> Run:
         """Return what a run has counted."""
@@ -116,15 +110,8 @@ class _Bench:
         if subdomains is not None:
             petsc = {"ksp_deflation_subdomains": subdomains}
             settings["petsc"] = settings["petsc"] | petsc
-        file, log = self._folder / "counts.json", self._folder / "log.txt"
-        file.unlink(missing_ok=True)
-        command = [*program(ranks, "benchmarks.counted_ranks"), str(file), json.dumps(settings)]
-        variables = search_path() | {"LD_PRELOAD": str(self._library)}
-        limit = run_child(command, log, *self._limits, variables)
-        if limit or not file.exists():
-            reason = limit or log.read_text().strip()[-300:]
-            raise BadInput(f"benchmark scaling: {settings} on {ranks} ranks: {reason}")
-        run: Run = json.loads(file.read_text())
+        module, words = "benchmarks.counted_ranks", (json.dumps(settings),)
+        run = counted(self._folder, self._library, ranks, module, words, self._limits)
         return run | {"cells": cells}
 
     def coarse_seconds(self, run: Run) -> tuple[float, float]:
@@ -135,6 +122,50 @@ class _Bench:
             own = alone["ranks"][0]
             self._coarse[key] = own["coarse_updates"] / alone["newton"], own["coarse_solve"]
         return self._coarse[key]
+
+
+def counting_library(folder: Path) -> Path:
+    """Compile the library that counts messages, and return its path.
+
+    Raises
+    ------
+    BadInput
+        If there is no mpicc, or it fails.
+    """
+    source, library = Path(__file__).with_name("mpi_counter.c"), folder / "counter.so"
+    command = ["mpicc", "-shared", "-fPIC", "-O2", str(source), "-lmpi_mpifh"]
+    done = subprocess.run(
+        [*command, "-o", str(library)], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise BadInput(f"benchmarks: mpicc failed: {done.stderr.strip()[-300:]}")
+    return library
+
+
+def counted(
+    folder: Path,
+    library: Path,
+    ranks: int,
+    module: str,
+    words: tuple[str, ...],
+    limits: tuple[float, float],
+) -> Run:
+    """Return what a module has counted on some ranks: the JSON in the file that it is given.
+
+    Raises
+    ------
+    BadInput
+        If it fails, or ends at one of the ``limits`` [s], [GiB].
+    """
+    file, log = folder / "counts.json", folder / "log.txt"
+    file.unlink(missing_ok=True)
+    command = [*program(ranks, module), str(file), *words]
+    limit = run_child(command, log, *limits, search_path() | {"LD_PRELOAD": str(library)})
+    if limit or not file.exists():
+        reason = limit or log.read_text().strip()[-300:]
+        raise BadInput(f"{module} {words} on {ranks} ranks: {reason}")
+    run: Run = json.loads(file.read_text())
+    return run
 
 
 def _counts(run: Run) -> Row:
