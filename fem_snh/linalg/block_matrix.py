@@ -69,13 +69,18 @@ class SymmetricBlockMatrix:
         Rows of a block: 2 or 3.
     blocks : DisplacementBlocks
         The offsets of the values; columns ascend in each row, and the pattern is symmetric.
-    interface : Interface or None
-        Order of the sweeps, and exchanges between their stages; None on one rank.
+    halo : Halo or None
+        Exchange of the ghost nodes; None on one rank.
+
+    Attributes
+    ----------
+    after : dict of list of Halo
+        Exchanges after a sweep's first stage, EARLY or LATE, for one vector and for another.
 
     Raises
     ------
     BadInput
-        For a row without a diagonal block.
+        For a row without a diagonal block. All exchanges are done before.
     """
 
     def __init__(
@@ -83,45 +88,32 @@ class SymmetricBlockMatrix:
         library: tuple[FFI, Lib],
         size: int,
         blocks: DisplacementBlocks,
-        interface: Interface | None = None,
+        halo: Halo | None,
     ) -> None:
         self.ffi, self.lib = library
         diagonal, off_diagonal = blocks.diagonal, blocks.off_diagonal
         indptr, indices = diagonal.indptr, diagonal.indices
         self.rows, self.size, entries = len(indptr) - 1, size, size**2
-        row = np.repeat(np.arange(self.rows), np.diff(indptr))
-        on_diagonal = np.flatnonzero(indices == row)
-        if len(on_diagonal) != self.rows:
-            raise BadInput(
-                "the built-in linear solver: expected a matrix with a diagonal block in every row "
-                "(set -ksp_type for another solver)"
-            )
-        stage = interface.stage if interface else np.full(self.rows, INTERIOR)
-        order = np.argsort(stage, kind="stable")
-        position = np.argsort(order)
-        row = position[row]
-        above = np.flatnonzero(position[indices] > row)
-        above = above[np.argsort(row[above], kind="stable")]
-        upper_start = np.searchsorted(row[above], np.arange(self.rows + 1))
+        upper = max(0, len(indices) - self.rows) // 2
         arrays: dict[str, Array] = {
-            "order": order.astype(np.int32),
-            "stage_start": np.searchsorted(stage[order], np.arange(4)).astype(np.int32),
-            "upper_start": upper_start.astype(np.int32),
-            "upper_column": indices[above].astype(np.int32),
-            "upper_value": diagonal.offset[above],
+            "order": np.zeros(self.rows, np.int32),
+            "stage_start": np.zeros(LATE + 2, np.int32),
+            "upper_start": np.zeros(self.rows + 1, np.int32),
+            "upper_column": np.zeros(upper, np.int32),
+            "upper_value": np.zeros(upper, np.int64),
             "aij_start": indptr.astype(np.int32),
-            "aij_diagonal": (on_diagonal - indptr[:-1]).astype(np.int32),
+            "aij_diagonal": np.zeros(self.rows, np.int32),
             "aij_offset": diagonal.row_offset,
             "aij_stride": diagonal.stride,
-            "upper": np.zeros(entries * upper_start[-1] + _LANES, np.float32),
+            "upper": np.zeros(entries * upper + _LANES, np.float32),
             "diagonal": np.zeros(entries * self.rows + _LANES, np.float32),
             "diagonal_inverse": np.zeros(entries * self.rows + _LANES, np.float32),
             "link": np.zeros(4 * (self.rows + 1), np.float32),
             "lanes": np.zeros(8 * self.rows, np.float32),
         }
-        if off_diagonal is not None and interface:
-            arrays["ghost_stage"], arrays["ghosts"] = interface.ghost_stage, interface.ghosts
-            arrays["other_ghosts"] = interface.other_ghosts
+        if off_diagonal is not None and halo:
+            arrays |= {key: np.zeros_like(halo.ghosts) for key in ("ghosts", "other_ghosts")}
+            arrays["ghost_stage"] = np.zeros(len(halo.ghosts), np.float32)
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
             arrays["off_diagonal_value"] = off_diagonal.offset
@@ -131,6 +123,21 @@ class SymmetricBlockMatrix:
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
+        stage = np.full(size * self.rows, INTERIOR, np.float32)
+        self.after: dict[int, list[Halo]] = {EARLY: [], LATE: []}
+        if off_diagonal is not None and halo:
+            self.lib.matrix_stages(self.struct, halo.higher, self.pointer(stage))
+            halo.exchange(stage)
+            arrays["ghost_stage"][:] = halo.ghosts[:, 0]
+            early, both = halo.ghosts[:, 0] == EARLY, (arrays["ghosts"], arrays["other_ghosts"])
+            self.after[EARLY] = [halo.part(early, ghosts) for ghosts in both]
+            self.after[LATE] = [halo.part(~early, both[0])]
+        given = (stage, indices.astype(np.int32), diagonal.offset)
+        if self.lib.matrix_order(self.struct, *map(self.pointer, given)):
+            raise BadInput(
+                "the built-in linear solver: expected a matrix with a symmetric pattern and a "
+                "diagonal block in every row (set -ksp_type for another solver)"
+            )
 
     def pointer(self, array: Array) -> CData:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
@@ -439,6 +446,8 @@ class Halo:
         The parameters.
     ghosts : (ghosts, width)
         The values received by the last `exchange`.
+    higher : int
+        The first of the ghost nodes that higher ranks own.
     """
 
     def __init__(
@@ -454,6 +463,7 @@ class Halo:
         self._forest = PETSc.SF().create(comm)
         self._forest.setGraph(int(first[comm.rank + 1] - first[comm.rank]), None, remote)
         self.ghosts: npt.NDArray[Any] = np.zeros((len(nodes), width), dtype)
+        self.higher = int(np.searchsorted(nodes, first[comm.rank + 1]))
         self._node = _node_type(self.ghosts.itemsize, width)
 
     def exchange(self, values: np.ndarray) -> None:
@@ -470,50 +480,8 @@ class Halo:
         self._forest.bcastEnd(self._node, values, self.ghosts, MPI.REPLACE)
 
     def part(self, chosen: Array, ghosts: Array) -> Halo:
-        """Return the exchange of the ghost nodes where ``chosen``, (ghosts,) bool, into `ghosts`."""
+        """Return the exchange of the nodes where ``chosen``, (ghosts,) bool, into ``ghosts``."""
         part = copy(self)
         nodes = np.flatnonzero(chosen).astype(PETSc.IntType)
         part._forest, part.ghosts = self._forest.createEmbeddedLeafSF(nodes), ghosts
         return part
-
-
-class Interface:
-    """The stages of this rank's rows in the sweeps, and the exchanges between them. Collective.
-
-    A row that couples to other ranks is early if most of these couplings are to higher ranks, and
-    late otherwise. All ranks sweep over early rows, then over rows without such couplings, during
-    which late rows receive the values of the early ones (Adams 2001).
-
-    Attributes
-    ----------
-    stage : (rows,)
-        EARLY, INTERIOR or LATE.
-    ghost_stage : (ghosts,) int32
-        EARLY or LATE.
-    ghosts, other_ghosts : (ghosts, size) float32
-        The values received.
-    early_to_early : Halo
-        Exchange from early rows to other ranks' early rows.
-    after : dict of tuple of Halo
-        Exchanges after a sweep's first stage, EARLY or LATE, for one vector and for another.
-    """
-
-    def __init__(self, comm: MPI.Comm, blocks: DisplacementBlocks, halo: Halo) -> None:
-        assert blocks.off_diagonal is not None
-        indptr, ghost = blocks.off_diagonal.indptr, blocks.off_diagonal.indices
-        rows, width = len(indptr) - 1, halo.ghosts.shape[1]
-        row = np.repeat(np.arange(rows), np.diff(indptr))
-        sign = np.where(blocks.ghosts < blocks.first[comm.rank + 1], -1, 1)
-        is_early = np.bincount(row, sign[ghost], rows) > 0
-        self.stage = np.where(is_early, EARLY, np.where(np.diff(indptr) > 0, LATE, INTERIOR))
-        halo.exchange(np.repeat(self.stage, width).astype(np.float32))
-        self.ghost_stage = halo.ghosts[:, 0].astype(np.int32)
-        self.ghosts, self.other_ghosts = both = np.zeros((2, *halo.ghosts.shape), np.float32)
-        needed = np.zeros((3, len(blocks.ghosts)), bool)  # by rows of each stage
-        needed[self.stage[row], ghost] = True
-        early = self.ghost_stage == EARLY
-        self.early_to_early = halo.part(early & needed[EARLY], self.ghosts)
-        self.after = {
-            EARLY: tuple(halo.part(early & needed[LATE], to) for to in both),
-            LATE: (halo.part(~early, self.ghosts),),
-        }

@@ -36,7 +36,6 @@ Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import inf, isfinite, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -53,7 +52,6 @@ from fem_snh.linalg.block_matrix import (
     INTERIOR,
     LATE,
     Halo,
-    Interface,
     SymmetricBlockMatrix,
     displacement_blocks,
     open_kernels,
@@ -358,9 +356,7 @@ class SSORSystem:
         blocks = displacement_blocks(A)
         shared = blocks.off_diagonal is not None
         self.halo = Halo(self.comm, blocks.first, blocks.ghosts, block) if shared else None
-        self._interface = Interface(self.comm, blocks, self.halo) if self.halo else None
-        parts = library, block, blocks, self._interface
-        self.matrix = on_every(self.comm, SymmetricBlockMatrix, *parts)
+        self.matrix = on_every(self.comm, SymmetricBlockMatrix, library, block, blocks, self.halo)
         self._total = np.zeros(1)
         self.deflation: Deflation | None = None
         if subdomains == AUTOMATIC and coordinates is not None:
@@ -437,8 +433,6 @@ class SSORSystem:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
         lib, v = self.matrix.lib, self._pointers
         self._backward(beta)
-        if self._interface:
-            self._interface.early_to_early.exchange(self._t)
         if self.deflation:
             self.deflation.project(v["t"], v["w"])
         arguments = (v[key] for key in "ptwq")
@@ -485,15 +479,12 @@ class SSORSystem:
         arguments = (self._pointers[key] for key in "zptw")
         self._sweep(self.matrix.lib.matrix_backward_sweep, LATE, "t", beta, *arguments)
 
-    def _sweep(
-        self, kernel: Callable[..., float], first: int, exchanged: str, *arguments: Any
-    ) -> float:
+    def _sweep(self, kernel: Any, first: int, exchanged: str, *arguments: Any) -> float:
         """Run a kernel's stages from the ``first`` on; return the result of the last.
 
         The first stage's rows of the vectors ``exchanged`` go to other ranks during the second.
         """
-        struct = self.matrix.struct
-        halos = self._interface.after[first] if self._interface else ()
+        struct, halos = self.matrix.struct, self.matrix.after[first]
         exchanges = [(to, self._vectors[key]) for to, key in zip(halos, exchanged, strict=False)]
         kernel(struct, first, *arguments)
         for halo, values in exchanges:
@@ -501,7 +492,7 @@ class SSORSystem:
         kernel(struct, INTERIOR, *arguments)
         for halo, values in exchanges:
             halo.end(values)
-        return kernel(struct, EARLY + LATE - first, *arguments)
+        return float(kernel(struct, EARLY + LATE - first, *arguments))
 
     def _sum(self, own: float) -> float:
         """Return the sum of ``own`` over all ranks."""

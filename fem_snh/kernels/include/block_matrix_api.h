@@ -3,24 +3,25 @@
  * ENTRIES = BLOCK^2 entries. Vectors are [rows][BLOCK] floats unless stated. */
 
 /* The stages of a forward substitution, and in the opposite order of a backward one. Rows that couple to other ranks
- * are early or late: between ranks, early rows precede late rows. One rank alone has interior rows only. */
+ * are late if one of these is lower, else early: early rows couple to other ranks' late rows only, and precede them. One
+ * rank alone has interior rows only. */
 enum { EARLY, INTERIOR, LATE };
 
 /* One rank's rows of a symmetric matrix of blocks in single precision, A = L + D - shift + L^T + R. D is block
  * diagonal. L has the couplings of rows to earlier rows in the order of the sweeps, those of a late row to other ranks'
- * early rows among them; R has the couplings of early to early and of late to late rows of different ranks. Of this
- * rank's part of L and L^T only that of U = L^T is stored, its rows in the order of the sweeps. A block row of U with
+ * early rows among them; R has the couplings of late rows to other ranks' late rows. Of this rank's part of L and L^T
+ * only that of U = L^T is stored, its rows in the order of the sweeps. A block row of U with
  * n blocks is BLOCK rows of BLOCK n floats. The columns of other ranks are stored alike, as in PETSc's AIJ format.
  * Arrays with "4 more" floats have them at the end, because the load of a last block reads beyond it. */
 typedef struct {
   int rows;                     /* block rows */
-  const int *order;             /* [rows] the rows in the order of the forward sweep: early, interior, late */
-  const int *stage_start;       /* [4] index in `order` of each stage's first row, and `rows` */
-  const int *upper_start;       /* [rows + 1] index of the first block in U of each row in `order` */
-  const int *upper_column;      /* block columns of U */
-  const long *upper_value;      /* offset of each block's first value in the AIJ matrix's diagonal block */
+  int *order;                   /* [rows] the rows in the order of the forward sweep: early, interior, late */
+  int *stage_start;             /* [4] index in `order` of each stage's first row, and `rows` */
+  int *upper_start;             /* [rows + 1] index of the first block in U of each row in `order` */
+  int *upper_column;            /* block columns of U */
+  long *upper_value;            /* offset of each block's first value in the AIJ matrix's diagonal block */
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix's diagonal block */
-  const int *aij_diagonal;      /* [rows] position of the diagonal block in a row of the AIJ matrix */
+  int *aij_diagonal;            /* [rows] position of the diagonal block in a row of the AIJ matrix */
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
   const int *aij_stride;        /* [rows] values in each scalar row of a block row: its blocks' values, then others */
   float *upper;                 /* U, and 4 more */
@@ -33,11 +34,18 @@ typedef struct {
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix's off-diagonal block */
   const int *off_diagonal_stride;   /* [rows] values in each scalar row of the AIJ matrix's off-diagonal block */
   float *off_diagonal;            /* the blocks of other ranks' columns, stored as U */
-  const int *ghost_stage;         /* [ghosts] EARLY or LATE */
+  const float *ghost_stage;       /* [ghosts] EARLY or LATE */
   const float *ghosts;            /* [ghosts][BLOCK] values at the ghost nodes, as each function says */
   const float *other_ghosts;      /* [ghosts][BLOCK] likewise, of a second vector */
-  float *shift;                   /* [rows][BLOCK] absolute row sums of R: M then bounds A (Baker et al. 2011) */
+  float *shift;                   /* [rows][BLOCK] REMAINDER_WEIGHT times the absolute row sums of R */
 } SymmetricBlockMatrix;
+
+/* Write the stage of each row to stage[rows][BLOCK]. Higher ranks own the ghosts from number `higher` on. */
+void matrix_stages(const SymmetricBlockMatrix *b, int higher, float *stage);
+
+/* Set `order`, `stage_start`, `aij_diagonal` and the pattern of U from the stages of the rows and from the columns and
+ * values' offsets of the AIJ matrix's blocks. Returns 0, or 1 if the pattern is not symmetric with a full diagonal. */
+int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const long *offsets);
 
 /* Copy the values of an AIJ matrix's diagonal and off-diagonal block, times `scale`, add `shift` to D and invert D.
  * Returns the number of block rows whose diagonal block is not positive definite. */
@@ -63,8 +71,8 @@ double matrix_multiply_lower(const SymmetricBlockMatrix *b, int stage, const flo
  * LATE before EARLY. Returns 0. */
 double matrix_backward_sweep(const SymmetricBlockMatrix *b, int stage, float beta, const float *z, float *p, float *t, float *w);
 
-/* q = t + (D + L)^-1 (w - shift t + R t), with t at the ghosts before EARLY, which leaves the solution's early rows in q
- * for the early ghosts to receive. LATE returns p.q. */
+/* q = t + (D + L)^-1 (w - shift t + R t), with t at the late ghosts. EARLY leaves the solution's early rows in q for
+ * the early ghosts to receive. LATE returns p.q. */
 double matrix_forward_sweep(const SymmetricBlockMatrix *b, int stage, const float *p, const float *t, const float *w, float *q);
 
 /* x += alpha t, r -= alpha q, z = D r. Returns r.z. */

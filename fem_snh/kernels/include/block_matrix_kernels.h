@@ -2,6 +2,10 @@
  * conjugate gradients in the form of Eisenstat 1981, in which the product with A costs nothing beyond the
  * preconditioner's two triangular solves. */
 
+/* The fraction of the absolute row sums of R that is added to D. With 1, M bounds A, as the smoothers of Baker et al.
+ * 2011 do; iterations are fewest from 0.35 to 0.7 (docs/results/scaling.md). */
+#define REMAINDER_WEIGHT 0.35f
+
 /* The code of a third component, if a block has three. */
 #if BLOCK == 3
 #define THIRD(...) __VA_ARGS__
@@ -36,6 +40,43 @@ static inline int invert_block(float *a, float *b) {
     for (int k = 0; k < BLOCK; k++) a[(BLOCK + 1) * k] += e;
   }
   return 0;
+}
+
+void matrix_stages(const SymmetricBlockMatrix *b, int higher, float *stage) {
+  for (long i = 0; i < b->rows; i++) {
+    const int first = b->off_diagonal_start[i], end = b->off_diagonal_start[i + 1];
+    int lower = 0;
+    for (int k = first; k < end; k++) lower |= b->off_diagonal_column[k] < higher;
+    for (int c = 0; c < BLOCK; c++) stage[BLOCK * i + c] = first == end ? INTERIOR : lower ? LATE : EARLY;
+  }
+}
+
+int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const long *offsets) {
+  const int rows = b->rows, blocks = b->aij_start[rows];
+  int at = 0, upper = 0;
+  for (int s = EARLY; s <= LATE; s++) {
+    b->stage_start[s] = at;
+    for (long i = 0; i < rows; i++)
+      if (stage[BLOCK * i] == s) b->order[at++] = i;
+  }
+  b->stage_start[LATE + 1] = at;
+  for (int k = 0; k < rows; k++) {
+    const long i = b->order[k];
+    b->upper_start[k] = upper;
+    b->aij_diagonal[i] = -1;
+    for (int n = b->aij_start[i]; n < b->aij_start[i + 1]; n++) {
+      const long j = columns[n];
+      const float later = stage[BLOCK * j] - stage[BLOCK * i];
+      if (j == i) b->aij_diagonal[i] = n - b->aij_start[i];
+      if (later < 0 || (later == 0 && j <= i)) continue;
+      if (upper == (blocks - rows) / 2) return 1;
+      b->upper_column[upper] = j;
+      b->upper_value[upper++] = offsets[n];
+    }
+    if (b->aij_diagonal[i] < 0) return 1;
+  }
+  b->upper_start[rows] = upper;
+  return upper != (blocks - rows) / 2;
 }
 
 /* Whether row k in the order of the sweeps is coupled to the next one by a block that the sweeps apply by `link`. In a
@@ -77,24 +118,26 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
       for (int c = 0; c < BLOCK; c++) d[BLOCK * k + c] = row[c] * scale;
     fill_upper(b, i, values, scale);
   }
-  for (int stage = EARLY; b->off_diagonal_start && stage <= LATE; stage++)
-    for (int at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
-      const int i = b->order[at], first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
-      float *shift = b->shift + (long)BLOCK * i;
-      for (int r = 0; r < BLOCK; r++) shift[r] = 0;
-      for (int k = 0; k < n; k++) {
-        const int remaining = b->ghost_stage[b->off_diagonal_column[first + k]] == stage;
-        for (int r = 0; r < BLOCK; r++) {
-          const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
-          float *to = b->off_diagonal + ENTRIES * first + (long)BLOCK * (r * n + k);
-          for (int c = 0; c < BLOCK; c++) {
-            to[c] = from[c] * scale;
-            shift[r] += remaining * fabsf(to[c]);
-          }
-        }
+  for (int i = 0; b->off_diagonal_start && i < b->rows; i++) {
+    const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
+    for (int k = 0; k < n; k++)
+      for (int r = 0; r < BLOCK; r++) {
+        const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
+        float *to = b->off_diagonal + ENTRIES * first + (long)BLOCK * (r * n + k);
+        for (int c = 0; c < BLOCK; c++) to[c] = from[c] * scale;
       }
-      for (int r = 0; r < BLOCK; r++) b->diagonal[ENTRIES * i + (BLOCK + 1) * r] += shift[r];
+  }
+  for (int at = b->stage_start[LATE]; at < b->rows; at++) {
+    const int i = b->order[at], first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
+    for (int r = 0; r < BLOCK; r++) {
+      float sum = 0;
+      for (int k = 0; k < n; k++)
+        for (int c = 0; c < BLOCK && b->ghost_stage[b->off_diagonal_column[first + k]] == LATE; c++)
+          sum += fabsf(b->off_diagonal[ENTRIES * first + (long)BLOCK * (r * n + k) + c]);
+      b->shift[(long)BLOCK * i + r] = REMAINDER_WEIGHT * sum;
+      b->diagonal[ENTRIES * i + (BLOCK + 1) * r] += REMAINDER_WEIGHT * sum;
     }
+  }
   for (long i = 0; i < b->rows; i++) bad += !invert_block(b->diagonal + ENTRIES * i, b->diagonal_inverse + ENTRIES * i);
   for (long k = 0; k < b->rows; k++)
     if (is_linked(b, k)) set_link(b, k);
@@ -264,14 +307,12 @@ double matrix_backward_sweep(const SymmetricBlockMatrix *b, int stage, float bet
 
 double matrix_forward_sweep(const SymmetricBlockMatrix *b, int stage, const float *p, const float *t, const float *w, float *q) {
   for (long i = 0; stage == EARLY && i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load_node(w + BLOCK * i);
-  /* With t still at all ghosts, also for the late rows. */
-  for (int s = EARLY; stage == EARLY && s <= LATE && b->off_diagonal_start; s++)
-    for (long at = b->stage_start[s]; at < b->stage_start[s + 1] && s != INTERIOR; at++) {
-      const long i = b->order[at];
-      f4 sum = multiply_ghosts(b, i, s, b->ghosts);
-      for (int r = 0; r < BLOCK; r++) sum[r] -= b->shift[BLOCK * i + r] * t[BLOCK * i + r];
-      *(f4 *)(b->lanes + 4 * i) += sum;
-    }
+  for (long at = b->stage_start[LATE]; stage == EARLY && at < b->rows; at++) {
+    const long i = b->order[at];
+    f4 sum = multiply_ghosts(b, i, LATE, b->ghosts);
+    for (int r = 0; r < BLOCK; r++) sum[r] -= b->shift[BLOCK * i + r] * t[BLOCK * i + r];
+    *(f4 *)(b->lanes + 4 * i) += sum;
+  }
   solve_lower_lanes(b, stage, 1);
   for (long at = b->stage_start[EARLY]; stage == EARLY && at < b->stage_start[INTERIOR]; at++) {
     const long i = b->order[at];
