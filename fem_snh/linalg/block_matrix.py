@@ -12,7 +12,7 @@ a linear solver that copies the values anyway needs no second copy of them in AI
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -72,15 +72,10 @@ class SymmetricBlockMatrix:
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
 
-    Attributes
-    ----------
-    after : dict of list of Halo
-        Exchanges after a sweep's first stage, EARLY or LATE, for one vector and for another.
-
     Raises
     ------
     BadInput
-        For a row without a diagonal block. All exchanges are done before.
+        For a row without a diagonal block, after all exchanges.
     """
 
     def __init__(
@@ -95,14 +90,12 @@ class SymmetricBlockMatrix:
         indptr, indices = diagonal.indptr, diagonal.indices
         self.rows, self.size, entries = len(indptr) - 1, size, size**2
         upper = max(0, len(indices) - self.rows) // 2
-        arrays: dict[str, Array] = {
-            "order": np.zeros(self.rows, np.int32),
-            "stage_start": np.zeros(LATE + 2, np.int32),
-            "upper_start": np.zeros(self.rows + 1, np.int32),
+        computed = "order", "stage_start", "upper_start", "aij_diagonal"  # by `matrix_order`
+        arrays: dict[str, Array] = {key: np.zeros(self.rows + 4, np.int32) for key in computed}
+        arrays |= {
             "upper_column": np.zeros(upper, np.int32),
             "upper_value": np.zeros(upper, np.int64),
             "aij_start": indptr.astype(np.int32),
-            "aij_diagonal": np.zeros(self.rows, np.int32),
             "aij_offset": diagonal.row_offset,
             "aij_stride": diagonal.stride,
             "upper": np.zeros(entries * upper + _LANES, np.float32),
@@ -111,33 +104,54 @@ class SymmetricBlockMatrix:
             "link": np.zeros(4 * (self.rows + 1), np.float32),
             "lanes": np.zeros(8 * self.rows, np.float32),
         }
+        stage = np.full(size * self.rows, INTERIOR, np.float32)
+        self._after: dict[int, list[Halo]] = {EARLY: [], LATE: []}
         if off_diagonal is not None and halo:
-            arrays |= {key: np.zeros_like(halo.ghosts) for key in ("ghosts", "other_ghosts")}
-            arrays["ghost_stage"] = np.zeros(len(halo.ghosts), np.float32)
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
             arrays["off_diagonal_value"] = off_diagonal.offset
             arrays["off_diagonal_stride"] = off_diagonal.stride
             arrays["off_diagonal"] = np.zeros(entries * len(off_diagonal.indices), np.float32)
             arrays["shift"] = np.zeros(size * self.rows, np.float32)
+            pattern = map(
+                self.pointer, (arrays["off_diagonal_start"], arrays["off_diagonal_column"])
+            )
+            self.lib.matrix_stages(self.rows, *pattern, halo.higher, self.pointer(stage))
+            halo.exchange(stage)
+            arrays["ghost_stage"] = halo.ghosts[:, 0].copy()
+            early, both = (
+                arrays["ghost_stage"] == EARLY,
+                np.zeros((2, *halo.ghosts.shape), np.float32),
+            )
+            arrays["ghosts"], arrays["other_ghosts"] = both
+            self._after[EARLY] = [halo.part(early, ghosts) for ghosts in both]
+            self._after[LATE] = [halo.part(~early, both[0])]
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
-        stage = np.full(size * self.rows, INTERIOR, np.float32)
-        self.after: dict[int, list[Halo]] = {EARLY: [], LATE: []}
-        if off_diagonal is not None and halo:
-            self.lib.matrix_stages(self.struct, halo.higher, self.pointer(stage))
-            halo.exchange(stage)
-            arrays["ghost_stage"][:] = halo.ghosts[:, 0]
-            early, both = halo.ghosts[:, 0] == EARLY, (arrays["ghosts"], arrays["other_ghosts"])
-            self.after[EARLY] = [halo.part(early, ghosts) for ghosts in both]
-            self.after[LATE] = [halo.part(~early, both[0])]
-        given = (stage, indices.astype(np.int32), diagonal.offset)
-        if self.lib.matrix_order(self.struct, *map(self.pointer, given)):
+        columns_and_offsets = map(self.pointer, (indices.astype(np.int32), diagonal.offset))
+        if self.lib.matrix_order(self.struct, self.pointer(stage), *columns_and_offsets):
             raise BadInput(
                 "the built-in linear solver: expected a matrix with a symmetric pattern and a "
                 "diagonal block in every row (set -ksp_type for another solver)"
             )
+
+    def sweep(
+        self, kernel: str, values: Sequence[Array], *arguments: Any, first: int = EARLY
+    ) -> float:
+        """Run a kernel's stages from the ``first``, EARLY or LATE; return the result of the last.
+
+        During the second stage the first stage's rows of ``values``, one or two vectors among the
+        arguments, go to other ranks.
+        """
+        run, pairs = getattr(self.lib, kernel), list(zip(self._after[first], values, strict=False))
+        run(self.struct, first, *arguments)
+        for halo, vector in pairs:
+            halo.begin(vector)
+        run(self.struct, INTERIOR, *arguments)
+        for halo, vector in pairs:
+            halo.end(vector)
+        return float(run(self.struct, EARLY + LATE - first, *arguments))
 
     def pointer(self, array: Array) -> CData:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
@@ -145,9 +159,7 @@ class SymmetricBlockMatrix:
 
     def weighted_norm_squared(self, p: Array) -> float:
         """Return p.D^-1 p over this rank's rows."""
-        inverse = self._arrays["diagonal_inverse"][:-_LANES].reshape(-1, self.size, self.size)
-        rows = p.reshape(-1, self.size)
-        return float(np.einsum("ni,nij,nj->", rows, inverse, rows, dtype=float))
+        return float(self.lib.matrix_weighted_norm(self.struct, self.pointer(p)))
 
     def fill(self, values: int, off_diagonal: int, scale: float) -> int:
         """Copy an AIJ matrix's values, given by their addresses, times ``scale``; invert D.
@@ -157,8 +169,7 @@ class SymmetricBlockMatrix:
         int
             Number of block rows whose diagonal block is not positive definite.
         """
-        addresses = self.addresses(values, off_diagonal)
-        return int(self.lib.matrix_fill(self.struct, *addresses, scale))
+        return int(self.lib.matrix_fill(self.struct, *self.addresses(values, off_diagonal), scale))
 
     def largest_diagonal_entry(self, values: int) -> float:
         """Return max ``|A_ii|`` of an AIJ matrix; infinity if an entry is not finite."""

@@ -37,7 +37,7 @@ Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
 from __future__ import annotations
 
 from math import inf, isfinite, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -48,8 +48,6 @@ import numpy.typing as npt
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.errors import BadInput, on_every
 from fem_snh.linalg.block_matrix import (
-    EARLY,
-    INTERIOR,
     LATE,
     Halo,
     SymmetricBlockMatrix,
@@ -414,29 +412,32 @@ class SSORSystem:
         """Start CG at x = 0 for the right-hand side ``residual``, which deflation projects."""
         size = residual.norm(PETSc.NormType.INFINITY)
         self._size = size = size if isfinite(size) and size > 0 else 1.0
-        lib, v = self.matrix.lib, self._pointers
+        v = self._pointers
         self._r[:] = residual.array_r / size
         for key in "xptq":
             self._vectors[key][:] = 0
         if self.deflation:
             self._vectors["z"][:] = self._r
             self.deflation.start(v["r"])
-            whole = self._sum(self._sweep(lib.matrix_solve_lower_both, EARLY, "rz", v["r"], v["z"]))
+            both = self._r, self._vectors["z"]
+            whole = self._sum(self.matrix.sweep("matrix_solve_lower_both", both, v["r"], v["z"]))
             rho = self.update_vectors(0.0)
         else:
-            self._sweep(lib.matrix_solve_lower, EARLY, "r", v["r"])
+            self.matrix.sweep("matrix_solve_lower", [self._r], v["r"])
             whole = rho = self.update_vectors(0.0)
         norm, deflated = (size * sqrt(self.scale * max(square, 0.0)) for square in (whole, rho))
         return CycleStart(norm, deflated, size * self.scale, rho)
 
     def update_direction(self, beta: float) -> float:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
-        lib, v = self.matrix.lib, self._pointers
-        self._backward(beta)
+        matrix, v = self.matrix, self._pointers
+        matrix.sweep(
+            "matrix_backward_sweep", [self._t], beta, *(v[key] for key in "zptw"), first=LATE
+        )
         if self.deflation:
             self.deflation.project(v["t"], v["w"])
         arguments = (v[key] for key in "ptwq")
-        return self._sum(self._sweep(lib.matrix_forward_sweep, EARLY, "q", *arguments))
+        return self._sum(matrix.sweep("matrix_forward_sweep", [self._vectors["q"]], *arguments))
 
     def update_vectors(self, alpha: float) -> float:
         """Compute x += alpha t, r -= alpha q and z = D r; return r.z."""
@@ -448,7 +449,7 @@ class SSORSystem:
         """Return this rank's b - A x of the present x, (size rows,), to single precision."""
         matrix, r = self.matrix, np.empty(len(self._r))
         pointers = self._pointers["r"], self._size, matrix.pointer(r)
-        self._sweep(matrix.lib.matrix_multiply_lower, EARLY, "r", *pointers)
+        matrix.sweep("matrix_multiply_lower", [self._r], *pointers)
         return r
 
     def precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -458,9 +459,11 @@ class SSORSystem:
         matrix, v = self.matrix, self._pointers
         self._r[:] = x.array_r / size
         self._vectors["p"][:] = 0
-        self._sweep(matrix.lib.matrix_solve_lower, EARLY, "r", v["r"])
+        matrix.sweep("matrix_solve_lower", [self._r], v["r"])
         matrix.lib.matrix_cg_update(matrix.struct, 0.0, *(v[key] for key in "tqxrz"))  # z = D r
-        self._backward(0.0)
+        matrix.sweep(
+            "matrix_backward_sweep", [self._t], 0.0, *(v[key] for key in "zptw"), first=LATE
+        )
         y.array[:] = np.multiply(self._t, size * self.scale, dtype=np.float64)
 
     def direction_norm_squared(self) -> float:
@@ -473,26 +476,6 @@ class SSORSystem:
             self.deflation.finish(self._pointers["x"])
         # A float32 array times a float is float32, in which forces of 1e40 overflow.
         x.array[:] += np.multiply(self._x, unit, dtype=np.float64)
-
-    def _backward(self, beta: float) -> None:
-        """Compute p = z + beta p, t = (D + L)^-T p and w = L^T t."""
-        arguments = (self._pointers[key] for key in "zptw")
-        self._sweep(self.matrix.lib.matrix_backward_sweep, LATE, "t", beta, *arguments)
-
-    def _sweep(self, kernel: Any, first: int, exchanged: str, *arguments: Any) -> float:
-        """Run a kernel's stages from the ``first`` on; return the result of the last.
-
-        The first stage's rows of the vectors ``exchanged`` go to other ranks during the second.
-        """
-        struct, halos = self.matrix.struct, self.matrix.after[first]
-        exchanges = [(to, self._vectors[key]) for to, key in zip(halos, exchanged, strict=False)]
-        kernel(struct, first, *arguments)
-        for halo, values in exchanges:
-            halo.begin(values)
-        kernel(struct, INTERIOR, *arguments)
-        for halo, values in exchanges:
-            halo.end(values)
-        return float(kernel(struct, EARLY + LATE - first, *arguments))
 
     def _sum(self, own: float) -> float:
         """Return the sum of ``own`` over all ranks."""

@@ -40,8 +40,9 @@ typedef struct {
   float *shift;                   /* [rows][BLOCK] REMAINDER_WEIGHT times the absolute row sums of R */
 } SymmetricBlockMatrix;
 
-/* Write the stage of each row to stage[rows][BLOCK]. Higher ranks own the ghosts from number `higher` on. */
-void matrix_stages(const SymmetricBlockMatrix *b, int higher, float *stage);
+/* Write the stage of each row to stage[rows][BLOCK]. `start` and `column` are the pattern in other ranks' columns;
+ * higher ranks own the ghosts from number `higher` on. */
+void matrix_stages(int rows, const int *start, const int *column, int higher, float *stage);
 
 /* Set `order`, `stage_start`, `aij_diagonal` and the pattern of U from the stages of the rows and from the columns and
  * values' offsets of the AIJ matrix's blocks. Returns 0, or 1 if the pattern is not symmetric with a full diagonal. */
@@ -74,6 +75,9 @@ double matrix_backward_sweep(const SymmetricBlockMatrix *b, int stage, float bet
 /* q = t + (D + L)^-1 (w - shift t + R t), with t at the late ghosts. EARLY leaves the solution's early rows in q for
  * the early ghosts to receive. LATE returns p.q. */
 double matrix_forward_sweep(const SymmetricBlockMatrix *b, int stage, const float *p, const float *t, const float *w, float *q);
+
+/* p.D^-1 p. */
+double matrix_weighted_norm(const SymmetricBlockMatrix *b, const float *p);
 
 /* x += alpha t, r -= alpha q, z = D r. Returns r.z. */
 double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float *t, const float *q, float *x, float *r, float *z);

@@ -42,11 +42,11 @@ static inline int invert_block(float *a, float *b) {
   return 0;
 }
 
-void matrix_stages(const SymmetricBlockMatrix *b, int higher, float *stage) {
-  for (long i = 0; i < b->rows; i++) {
-    const int first = b->off_diagonal_start[i], end = b->off_diagonal_start[i + 1];
+void matrix_stages(int rows, const int *start, const int *column, int higher, float *stage) {
+  for (long i = 0; i < rows; i++) {
+    const int first = start[i], end = start[i + 1];
     int lower = 0;
-    for (int k = first; k < end; k++) lower |= b->off_diagonal_column[k] < higher;
+    for (int k = first; k < end; k++) lower |= column[k] < higher;
     for (int c = 0; c < BLOCK; c++) stage[BLOCK * i + c] = first == end ? INTERIOR : lower ? LATE : EARLY;
   }
 }
@@ -325,6 +325,14 @@ double matrix_forward_sweep(const SymmetricBlockMatrix *b, int stage, const floa
     for (int c = 0; c < BLOCK; c++) dot += (double)p[BLOCK * i + c] * value[c];
   }
   return dot;
+}
+
+double matrix_weighted_norm(const SymmetricBlockMatrix *b, const float *p) {
+  double sum = 0;
+  for (long i = 0; i < b->rows; i++, p += BLOCK)
+    for (int r = 0; r < BLOCK; r++)
+      for (int c = 0; c < BLOCK; c++) sum += (double)p[r] * b->diagonal_inverse[ENTRIES * i + BLOCK * r + c] * p[c];
+  return sum;
 }
 
 double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float *t, const float *q, float *x, float *r, float *z) {
