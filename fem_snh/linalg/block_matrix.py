@@ -113,17 +113,12 @@ class SymmetricBlockMatrix:
             arrays["off_diagonal_stride"] = off_diagonal.stride
             arrays["off_diagonal"] = np.zeros(entries * len(off_diagonal.indices), np.float32)
             arrays["shift"] = np.zeros(size * self.rows, np.float32)
-            pattern = map(
-                self.pointer, (arrays["off_diagonal_start"], arrays["off_diagonal_column"])
-            )
+            pattern = (self.pointer(arrays[f"off_diagonal_{key}"]) for key in ("start", "column"))
             self.lib.matrix_stages(self.rows, *pattern, halo.higher, self.pointer(stage))
             halo.exchange(stage)
             arrays["ghost_stage"] = halo.ghosts[:, 0].copy()
-            early, both = (
-                arrays["ghost_stage"] == EARLY,
-                np.zeros((2, *halo.ghosts.shape), np.float32),
-            )
-            arrays["ghosts"], arrays["other_ghosts"] = both
+            early = arrays["ghost_stage"] == EARLY
+            arrays["ghosts"], arrays["other_ghosts"] = both = np.zeros((2, *halo.ghosts.shape), "f")
             self._after[EARLY] = [halo.part(early, ghosts) for ghosts in both]
             self._after[LATE] = [halo.part(~early, both[0])]
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
@@ -136,22 +131,20 @@ class SymmetricBlockMatrix:
                 "diagonal block in every row (set -ksp_type for another solver)"
             )
 
-    def sweep(
-        self, kernel: str, values: Sequence[Array], *arguments: Any, first: int = EARLY
-    ) -> float:
+    def sweep(self, kernel: str, values: Sequence[Array], *rest: Any, first: int = EARLY) -> float:
         """Run a kernel's stages from the ``first``, EARLY or LATE; return the result of the last.
 
-        During the second stage the first stage's rows of ``values``, one or two vectors among the
-        arguments, go to other ranks.
+        ``rest`` are the kernel's further arguments. During the second stage the first stage's rows
+        of ``values``, one or two vectors among them, go to other ranks.
         """
         run, pairs = getattr(self.lib, kernel), list(zip(self._after[first], values, strict=False))
-        run(self.struct, first, *arguments)
+        run(self.struct, first, *rest)
         for halo, vector in pairs:
             halo.begin(vector)
-        run(self.struct, INTERIOR, *arguments)
+        run(self.struct, INTERIOR, *rest)
         for halo, vector in pairs:
             halo.end(vector)
-        return float(run(self.struct, EARLY + LATE - first, *arguments))
+        return float(run(self.struct, EARLY + LATE - first, *rest))
 
     def pointer(self, array: Array) -> CData:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""

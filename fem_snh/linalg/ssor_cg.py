@@ -6,16 +6,18 @@ of conjugate gradients. For smaller tolerances the residual b - A x is computed 
 and a correction is solved for (iterative refinement, Wilkinson 1963): each run is a refinement
 cycle. `fem_snh.linalg.deflation` solves for motions that single precision loses.
 
-On each rank's rows let A = L + D + L^T with the block diagonal D. The preconditioner is block
+Let A = L + D + L^T with the block diagonal D. The preconditioner is block
 SSOR (Saad 2003, sec. 4.1 and 10.2),
 
 .. math::
 
     M = (D + L)\, D^{-1} (D + L)^T.
 
-M omits the entries that couple the rows of different ranks. Instead, a fraction of their absolute
-row sums is added to D (Baker et al. 2011): errors that differ across the boundaries of ranks then
-converge as fast as other errors. Preconditioned conjugate gradients (Saad 2003, alg. 9.1) are
+On several ranks, rows that couple to other ranks come first in the order of the sweeps if all these
+ranks are higher ones, and last otherwise (Adams 2001). L has the couplings of last to first rows of
+different ranks; M omits those of two last rows. Instead, a fraction of their absolute row sums is
+added to D (Baker et al. 2011): errors that differ across the boundaries of ranks then converge as
+fast as other errors. Preconditioned conjugate gradients (Saad 2003, alg. 9.1) are
 written for :math:`\hat A = (D + L)^{-1} A\, (D + L)^{-T}` with the preconditioner :math:`D^{-1}`,
 so z = D r (Eisenstat 1981). Because
 
@@ -29,6 +31,7 @@ PETSc's AIJ format.
 
 References
 ----------
+Adams 2001, Proceedings of the ACM/IEEE Conference on Supercomputing.
 Baker, Falgout, Kolev & Yang 2011, SIAM J. Sci. Comput. 33, 2864.
 Eisenstat 1981, SIAM J. Sci. Stat. Comput. 2, 1.
 Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
@@ -260,8 +263,8 @@ _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000
 #: then one per 256 nodes up to 64 (docs/results/linear_solver.md).
 _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
 #: On more than this number of ranks twice as many subdomains, in three dimensions up to 100, as the
-#: sweeps omit the coupling of ranks. More subdomains would save iterations, but cost more in coarse
-#: solves (docs/results/scaling.md).
+#: sweeps omit some couplings of ranks. More subdomains would save iterations, but cost more in
+#: coarse solves (docs/results/scaling.md).
 _FEW_RANKS, _MOST_ON_RANKS = 2, 100
 #: Largest number of subdomains on several ranks, each of which repeats the coarse solves.
 _MOST_REPEATED = 300
@@ -431,13 +434,12 @@ class SSORSystem:
     def update_direction(self, beta: float) -> float:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
         matrix, v = self.matrix, self._pointers
-        matrix.sweep(
-            "matrix_backward_sweep", [self._t], beta, *(v[key] for key in "zptw"), first=LATE
-        )
+        backward = beta, *(v[key] for key in "zptw")
+        matrix.sweep("matrix_backward_sweep", [self._t], *backward, first=LATE)
         if self.deflation:
             self.deflation.project(v["t"], v["w"])
-        arguments = (v[key] for key in "ptwq")
-        return self._sum(matrix.sweep("matrix_forward_sweep", [self._vectors["q"]], *arguments))
+        forward = (v[key] for key in "ptwq")
+        return self._sum(matrix.sweep("matrix_forward_sweep", [self._vectors["q"]], *forward))
 
     def update_vectors(self, alpha: float) -> float:
         """Compute x += alpha t, r -= alpha q and z = D r; return r.z."""
@@ -461,9 +463,8 @@ class SSORSystem:
         self._vectors["p"][:] = 0
         matrix.sweep("matrix_solve_lower", [self._r], v["r"])
         matrix.lib.matrix_cg_update(matrix.struct, 0.0, *(v[key] for key in "tqxrz"))  # z = D r
-        matrix.sweep(
-            "matrix_backward_sweep", [self._t], 0.0, *(v[key] for key in "zptw"), first=LATE
-        )
+        backward = 0.0, *(v[key] for key in "zptw")
+        matrix.sweep("matrix_backward_sweep", [self._t], *backward, first=LATE)
         y.array[:] = np.multiply(self._t, size * self.scale, dtype=np.float64)
 
     def direction_norm_squared(self) -> float:
@@ -527,7 +528,7 @@ def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
 class SSOR:
     r"""A PC of type "python" for a symmetric AIJ matrix of 2x2 or 3x3 blocks. Collective.
 
-    .. math:: M = (D + L)\, D^{-1} (D + L)^T \text{ on each rank's rows}
+    .. math:: M = (D + L)\, D^{-1} (D + L)^T
 
     D and L are those of `SSORSystem`. A product with :math:`M^{-1}` is a forward and a
     backward substitution in single precision, which read a third of what incomplete factors read.
