@@ -75,7 +75,7 @@ class SymmetricBlockMatrix:
     Raises
     ------
     BadInput
-        For a row without a diagonal block, after all exchanges.
+        For a row without a diagonal block or a pattern that is not symmetric, after all exchanges.
     """
 
     def __init__(
@@ -127,8 +127,8 @@ class SymmetricBlockMatrix:
         columns_and_offsets = map(self.pointer, (indices.astype(np.int32), diagonal.offset))
         if self.lib.matrix_order(self.struct, self.pointer(stage), *columns_and_offsets):
             raise BadInput(
-                "the built-in linear solver: expected a matrix with a symmetric pattern and a "
-                "diagonal block in every row (set -ksp_type for another solver)"
+                "the built-in linear solver: expected a matrix with a diagonal block in every row "
+                "and a symmetric pattern (set -ksp_type for another solver)"
             )
 
     def sweep(self, kernel: str, values: Sequence[Array], *rest: Any, first: int = EARLY) -> float:
