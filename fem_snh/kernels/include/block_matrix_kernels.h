@@ -6,6 +6,13 @@
  * 2011 do; iterations are fewest from 0.35 to 0.7 (docs/results/scaling.md). */
 #define REMAINDER_WEIGHT 0.35f
 
+/* How far ahead of a loop over blocks their values are prefetched [bytes]. A block row is BLOCK rows of values, and the
+ * processor follows each of them, but not beyond the end of the block row. Any distance from 2 to 8 kB takes the same
+ * time (docs/results/speed.md). */
+#define AHEAD 4096
+static inline void prefetch_after(const void *at) { __builtin_prefetch((const char *)at + AHEAD); }
+static inline void prefetch_before(const void *at) { __builtin_prefetch((const char *)at - AHEAD); }
+
 /* The code of a third component, if a block has three. */
 #if BLOCK == 3
 #define THIRD(...) __VA_ARGS__
@@ -197,7 +204,7 @@ static inline __attribute__((always_inline)) void solve_lower_lanes(const Symmet
   for (int at = b->stage_start[stage]; at < b->stage_start[stage + 1]; at++) {
     const int i = b->order[at], first = b->upper_start[at], n = b->upper_start[at + 1] - first;
     const long length = (long)BLOCK * n;
-    const float *u = b->upper + ENTRIES * first;
+    const float *values = b->upper + ENTRIES * first, *u = values;
     const int linked = is_linked(b, at);
     f4 y[2];
     for (int s = 0; s < sides; s++) {
@@ -209,6 +216,7 @@ static inline __attribute__((always_inline)) void solve_lower_lanes(const Symmet
     }
     u += BLOCK * linked;
     for (int k = linked; k < n; k++, u += BLOCK) {
+      prefetch_after(values + ENTRIES * k);
       const f4 u0 = load4(u), u1 = load4(u + length) THIRD(, u2 = load4(u + 2 * length));
       float *to = b->lanes + 4L * sides * b->upper_column[first + k];
       for (int s = 0; s < sides; s++) {
@@ -278,6 +286,8 @@ double matrix_backward_sweep(const SymmetricBlockMatrix *b, int stage, float bet
     const int linked = is_linked(b, at);
     int k = n - 1;
     for (; k > linked; k -= 2) {
+      prefetch_before(u + ENTRIES * k);
+      prefetch_before(u + ENTRIES * (k - 1));
       const int *column = b->upper_column + first + k;
       const f4 t0 = load4(b->lanes + 4L * column[0]), t1 = load4(b->lanes + 4L * column[-1]);
       const float *u0 = u + (long)BLOCK * k, *u1 = u0 - BLOCK;
