@@ -61,7 +61,8 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
             for (int j = 0; j < 3; ++j) block[3 * i + j] *= free[a][i] * free[b][j];
     }
     for (int l = 0; l < lanes; ++l)
-      scatter(t, c->nodes + NODES * (start + l), t->position + (long)ALL_NODES * ALL_NODES * (start + l), K, l);
+      scatter(t, c->nodes + NODES * (start + l), t->position + (long)ALL_NODES * ALL_NODES * (start + l), K, l,
+              start + l + 1 == c->cells);
   }
   return negative;
 }

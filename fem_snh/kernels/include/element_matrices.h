@@ -102,11 +102,22 @@ INLINE void rotate_blocks(const double *rotation, long start, int lanes, real *K
   }
 }
 
-/* Add the element matrix of lane l to the global matrix: each block (a, b) and, transposed, (b, a). */
-INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position, const real *K, int l) {
+/* Prefetch, to write to them, the values of block (a, b) of a cell. */
+INLINE void prefetch_block(const MatrixTarget *t, const int *nodes, const int *position, int a, int b) {
+  const int to = position[ALL_NODES * a + b], array = to & 3, stride = t->stride[array][nodes[a]];
+  const double *at = t->values[array] + (to >> 2);
+  for (int i = 0; i < COMPONENTS; ++i) __builtin_prefetch(at + (long)stride * i, 1);
+}
+
+/* Add the element matrix of lane l to the global matrix: each block (a, b) and, transposed, (b, a). Memory is slower
+ * than the additions, so the same blocks of the next cell are prefetched, unless this cell is the last. */
+INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position, const real *K, int l, int is_last) {
+  const int *next_nodes = is_last ? nodes : nodes + NODES, *next = is_last ? position : position + ALL_NODES * ALL_NODES;
   const double *block = (const double *)K + l;
   for (int b = 0; b < NODES; ++b)
     for (int a = 0; a <= b; ++a, block += 9 * W) {
+      prefetch_block(t, next_nodes, next, a, b);
+      prefetch_block(t, next_nodes, next, b, a);
       const int to = position[ALL_NODES * a + b], array = to & 3, stride = t->stride[array][nodes[a]];
       double *at = t->values[array] + (to >> 2);
       for (int i = 0; i < COMPONENTS; ++i)
