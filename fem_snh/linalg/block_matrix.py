@@ -72,6 +72,11 @@ class SymmetricBlockMatrix:
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
 
+    Attributes
+    ----------
+    translations : (size,) float64
+        This rank's part of x.A x of the last `fill`, for each unit translation x of all nodes.
+
     Raises
     ------
     BadInput
@@ -89,6 +94,7 @@ class SymmetricBlockMatrix:
         diagonal, off_diagonal = blocks.diagonal, blocks.off_diagonal
         indptr, indices = diagonal.indptr, diagonal.indices
         self.rows, self.size, entries = len(indptr) - 1, size, size**2
+        self.translations = np.zeros(size)
         upper = max(0, len(indices) - self.rows) // 2
         computed = "order", "stage_start", "upper_start", "aij_diagonal"  # by `matrix_order`
         arrays: dict[str, Array] = {key: np.zeros(self.rows + 4, np.int32) for key in computed}
@@ -162,7 +168,9 @@ class SymmetricBlockMatrix:
         int
             Number of block rows whose diagonal block is not positive definite.
         """
-        return int(self.lib.matrix_fill(self.struct, *self.addresses(values, off_diagonal), scale))
+        addresses = self.addresses(values, off_diagonal)
+        translations = self.pointer(self.translations)
+        return int(self.lib.matrix_fill(self.struct, *addresses, scale, translations))
 
     def largest_diagonal_entry(self, values: int) -> float:
         """Return max ``|A_ii|`` of an AIJ matrix; infinity if an entry is not finite."""

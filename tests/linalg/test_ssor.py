@@ -10,7 +10,7 @@ from bodies import dense
 from plane_programs import COMPONENTS, clamped
 from test_eisenstat import body, right_side
 
-from fem_snh.linalg.ssor_cg import SSOR
+from fem_snh.linalg.ssor_cg import SSOR, SSORSystem
 
 mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason
@@ -74,6 +74,22 @@ def _pattern(A):
     counts = np.concatenate(A.comm.tompi4py().allgather(np.diff(start)))
     indices = np.concatenate(A.comm.tompi4py().allgather(columns))
     return np.concatenate([[0], np.cumsum(counts)]), indices
+
+
+@mpi
+@pytest.mark.parametrize("kinematics", ["3D", *COMPONENTS])
+def test_the_copy_adds_up_the_energies_of_translations_in_double_precision(comm, kinematics):
+    """They decide whether single precision loses the motion of an almost free body."""
+    p = body(comm, cells=3) if kinematics == "3D" else clamped(comm, kinematics)
+    system, size = SSORSystem(p.A, None), p.A.getBlockSize()
+    system.update(p.A)
+    found = comm.allreduce(system.matrix.translations)
+    x, y = p.A.createVecs()
+    for k in range(size):
+        x.set(0.0)
+        x.array[k::size] = 1.0
+        p.A.mult(x, y)
+        assert found[k] == pytest.approx(system.scale * x.dot(y), rel=1e-11)
 
 
 @pytest.mark.one_debian("ranks")

@@ -49,8 +49,10 @@ void matrix_stages(int rows, const int *start, const int *column, int higher, fl
 int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const long *offsets);
 
 /* Copy the values of an AIJ matrix's diagonal and off-diagonal block, times `scale`, add `shift` to D and invert D.
- * Returns the number of block rows whose diagonal block is not positive definite. */
-long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale);
+ * translations[BLOCK] = this rank's part of x.A x of the unit translations x, in double precision. Returns the number
+ * of block rows whose diagonal block is not positive definite. */
+long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale,
+                 double *translations);
 
 /* The largest |entry| on the diagonal of the AIJ matrix; infinity if one is not finite. */
 double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *values);

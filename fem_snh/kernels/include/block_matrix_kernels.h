@@ -102,28 +102,39 @@ static inline void set_link(const SymmetricBlockMatrix *b, long k) {
   for (int m = 0; m < 4; m++) b->link[4 * (k + 1) + m] = u[m % 2] * d[m / 2] + u[length + m % 2] * d[2 + m / 2];
 }
 
-/* Copy row k of U in the order of the sweeps. Its blocks ascend in the AIJ matrix, and are mostly contiguous there. */
-static inline void fill_upper(const SymmetricBlockMatrix *b, long k, const double *values, double scale) {
+/* Copy row k of U in the order of the sweeps, and add it and its transpose to `translations`. Its blocks ascend in the
+ * AIJ matrix, and are mostly contiguous there. */
+static inline void fill_upper(const SymmetricBlockMatrix *b, long k, const double *values, double scale, double *translations) {
   const int first = b->upper_start[k], n = b->upper_start[k + 1] - first;
   if (!n) return;
   const long *at = b->upper_value + first, stride = b->aij_stride[b->order[k]], length = (long)BLOCK * n;
+  const int contiguous = at[n - 1] - at[0] == length - BLOCK;
   float *u = b->upper + ENTRIES * first;
-  if (at[n - 1] - at[0] == length - BLOCK)
-    for (int r = 0; r < BLOCK; r++)
-      for (long c = 0; c < length; c++) u[r * length + c] = values[at[0] + r * stride + c] * scale;
-  else
-    for (int r = 0; r < BLOCK; r++)
-      for (long c = 0; c < length; c++) u[r * length + c] = values[at[c / BLOCK] + r * stride + c % BLOCK] * scale;
+  for (int r = 0; r < BLOCK; r++, u += length) {
+    const double *row = values + r * stride;
+    double sum = 0;
+    for (int m = 0; m < n; m++) {
+      const double *block = row + (contiguous ? at[0] + (long)BLOCK * m : at[m]);
+      prefetch_after(block);
+      for (int c = 0; c < BLOCK; c++) u[BLOCK * m + c] = block[c] * scale;
+      sum += block[r];
+    }
+    translations[r] += 2 * sum * scale;
+  }
 }
 
-long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale) {
+long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale,
+                 double *translations) {
   long bad = 0;
+  for (int k = 0; k < BLOCK; k++) translations[k] = 0;
   for (int i = 0; i < b->rows; i++) {
     const double *row = values + b->aij_offset[i] + (long)BLOCK * b->aij_diagonal[i];
     float *d = b->diagonal + ENTRIES * i;
-    for (int k = 0; k < BLOCK; k++, row += b->aij_stride[i])
+    for (int k = 0; k < BLOCK; k++, row += b->aij_stride[i]) {
       for (int c = 0; c < BLOCK; c++) d[BLOCK * k + c] = row[c] * scale;
-    fill_upper(b, i, values, scale);
+      translations[k] += row[k] * scale;
+    }
+    fill_upper(b, i, values, scale, translations);
   }
   for (int i = 0; b->off_diagonal_start && i < b->rows; i++) {
     const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
@@ -132,6 +143,7 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
         const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
         float *to = b->off_diagonal + ENTRIES * first + (long)BLOCK * (r * n + k);
         for (int c = 0; c < BLOCK; c++) to[c] = from[c] * scale;
+        translations[r] += from[r] * scale;
       }
   }
   for (int at = b->stage_start[LATE]; at < b->rows; at++) {

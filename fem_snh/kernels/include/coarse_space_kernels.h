@@ -24,6 +24,7 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
     const double *row = values + b->aij_offset[i];
     for (int k = 0; k < all; k++) {
       const int j = c->aij_column[b->aij_start[i] + k];
+      prefetch_after(row + ENTRIES * k);
       add_block(acc + ENTRIES * find_pair(c, i, c->subdomain[j]), row + BLOCK * k, b->aij_stride[i], scale,
                 c->functions + COLUMNS * (long)j);
     }
