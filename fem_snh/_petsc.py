@@ -33,6 +33,7 @@ int KSPCGSetRadius(void *ksp, double radius);
 int KSPCGGetNormD(void *ksp, double *norm);
 int PCGetFailedReason(void *pc, int *reason);
 int PetscOptionsUsed(void *options, const char *name, int *used);
+int mallopt(int option, int value);
 """)
 _reasons = PETSc.KSP.ConvergedReason
 #: Converged reason of Steihaug's CG at negative curvature (its name depends on the version).
@@ -70,6 +71,27 @@ def call(name: str, *arguments: Any) -> None:
         raise PETSc.Error(code)
 
 
+#: glibc's options and their defaults: the size [B] from which an array has pages of its own, which
+#: it returns when it is freed (the largest that glibc adapts it to), how many arrays may have them,
+#: and the free memory [B] at the end of the heap from which it is returned (malloc/malloc.c).
+_MALLOPT = {
+    "M_MMAP_THRESHOLD": (-3, 2**25),
+    "M_MMAP_MAX": (-4, 2**16),
+    "M_TRIM_THRESHOLD": (-1, 2**26),
+}
+
+
+def _return_freed_memory() -> None:
+    """Let glibc return freed memory, which SuperLU_DIST forbids as soon as PETSc is loaded.
+
+    Temporary arrays of the set-up of a large problem would otherwise stay in the process.
+    """
+    for option, value in _MALLOPT.values():
+        if mallopt := getattr(_library(), "mallopt", None):  # glibc only
+            mallopt(option, value)
+
+
+_return_freed_memory()
 #: Attribute of a matrix: how often `set_pattern` was called.
 _PATTERNS = "fem_snh_patterns"
 #: Attribute of a KSP: the handle and `nonzero_state` of its last matrix P.

@@ -284,7 +284,7 @@ def selection(cells: Array, num_cells: int) -> Any:
     return slice(None) if len(cells) == num_cells else cells
 
 
-#: Cells per batch, which bounds the memory.
+#: Quadrature points per batch: its arrays, 720 kB each, stay in the processor's cache.
 _BATCH = 10_000
 
 
@@ -325,8 +325,9 @@ def point_strains(tables: ElementTables, u: Array) -> PointStrains:
     strain = shear = 0.0
     kinematics = tables.kinematics
     nodal = kinematics.padded(u)
-    for start in range(0, shape[0], _BATCH):
-        chunk = slice(start, start + _BATCH)
+    batch = max(1, _BATCH // shape[1])
+    for start in range(0, shape[0], batch):
+        chunk = slice(start, start + batch)
         x = tables.x[tables.geometry[chunk]]
         T = np.einsum("cai,qak->cqik", x, tables.geometry_gradients, optimize=True)
         kinematics.set_third_tangent(T)

@@ -100,7 +100,7 @@ class SymmetricBlockMatrix:
         arrays: dict[str, Array] = {key: np.zeros(self.rows + 4, np.int32) for key in computed}
         arrays |= {
             "upper_column": np.zeros(upper, np.int32),
-            "upper_value": np.zeros(upper, np.int64),
+            "upper_value": np.zeros(upper, np.int32),
             "aij_start": indptr.astype(np.int32),
             "aij_offset": diagonal.row_offset,
             "aij_stride": diagonal.stride,
@@ -115,7 +115,7 @@ class SymmetricBlockMatrix:
         if off_diagonal is not None and halo:
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
-            arrays["off_diagonal_value"] = off_diagonal.offset
+            arrays["off_diagonal_value"] = off_diagonal.offset.astype(np.int64)
             arrays["off_diagonal_stride"] = off_diagonal.stride
             arrays["off_diagonal"] = np.zeros(entries * len(off_diagonal.indices), np.float32)
             arrays["shift"] = np.zeros(size * self.rows, np.float32)
@@ -130,7 +130,9 @@ class SymmetricBlockMatrix:
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
-        columns_and_offsets = map(self.pointer, (indices.astype(np.int32), diagonal.offset))
+        columns_and_offsets = (
+            self.pointer(array.astype(np.int32)) for array in (indices, diagonal.offset)
+        )
         if self.lib.matrix_order(self.struct, self.pointer(stage), *columns_and_offsets):
             raise BadInput(
                 "the built-in linear solver: expected a matrix with a diagonal block in every row "
@@ -285,7 +287,7 @@ class BlockRows(NamedTuple):
         Block columns; in the off-diagonal block, the index of the ghost node.
     row_offset : (rows,) int64
         Offset of the first value of each block row.
-    offset : (blocks,) int64
+    offset : (blocks,) int
         Offset of the first value of each block.
     stride : (rows,) int32
         Values in each row of the AIJ matrix, the same in all rows of a block row.
@@ -405,7 +407,8 @@ def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
     if len(start) - 1 > unknowns:  # pressures
         count = (first_offsets(column, begin, begin + stride, unknowns) - begin) // size
     indptr = np.concatenate([[0], np.cumsum(count)])
-    offset = np.arange(indptr[-1]) * size + np.repeat(begin - size * indptr[:-1], count)
+    offset = np.repeat((begin - size * indptr[:-1]).astype(np.int32), count)
+    offset += size * np.arange(indptr[-1], dtype=np.int32)
     return BlockRows(indptr, column[offset] // size, begin, offset, stride.astype(np.int32))
 
 

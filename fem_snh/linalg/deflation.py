@@ -210,7 +210,10 @@ class Deflation:
         """Create the C struct; return (row, column) of the blocks of E that this rank adds to."""
         matrix, rows, subdomain = self._matrix, self._matrix.rows, self.subdomain
         parts = [
-            (np.repeat(np.arange(rows), np.diff(part.indptr)), subdomain[part.indices + shift])
+            (
+                np.repeat(np.arange(rows, dtype=np.int32), np.diff(part.indptr)),
+                subdomain[part.indices + np.int32(shift)],
+            )
             for part, shift in ((blocks.diagonal, 0), (blocks.off_diagonal, rows))
             if part is not None
         ]

@@ -19,7 +19,7 @@ typedef struct {
   int *stage_start;             /* [4] index in `order` of each stage's first row, and `rows` */
   int *upper_start;             /* [rows + 1] index of the first block in U of each row in `order` */
   int *upper_column;            /* block columns of U */
-  long *upper_value;            /* offset of each block's first value in the AIJ matrix's diagonal block */
+  int *upper_value;             /* offset of each block's first value in the AIJ matrix's diagonal block */
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix's diagonal block */
   int *aij_diagonal;            /* [rows] position of the diagonal block in a row of the AIJ matrix */
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
@@ -46,7 +46,7 @@ void matrix_stages(int rows, const int *start, const int *column, int higher, fl
 
 /* Set `order`, `stage_start`, `aij_diagonal` and the pattern of U from the stages of the rows and from the columns and
  * values' offsets of the AIJ matrix's blocks. Returns 0, or 1 if the pattern is not symmetric with a full diagonal. */
-int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const long *offsets);
+int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const int *offsets);
 
 /* Copy the values of an AIJ matrix's diagonal and off-diagonal block, times `scale`, add `shift` to D and invert D.
  * translations[BLOCK] = this rank's part of x.A x of the unit translations x, in double precision. Returns the number

@@ -58,7 +58,7 @@ void matrix_stages(int rows, const int *start, const int *column, int higher, fl
   }
 }
 
-int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const long *offsets) {
+int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const int *offsets) {
   const int rows = b->rows, blocks = b->aij_start[rows];
   int at = 0, upper = 0;
   for (int s = EARLY; s <= LATE; s++) {
@@ -107,7 +107,8 @@ static inline void set_link(const SymmetricBlockMatrix *b, long k) {
 static inline void fill_upper(const SymmetricBlockMatrix *b, long k, const double *values, double scale, double *translations) {
   const int first = b->upper_start[k], n = b->upper_start[k + 1] - first;
   if (!n) return;
-  const long *at = b->upper_value + first, stride = b->aij_stride[b->order[k]], length = (long)BLOCK * n;
+  const int *at = b->upper_value + first;
+  const long stride = b->aij_stride[b->order[k]], length = (long)BLOCK * n;
   const int contiguous = at[n - 1] - at[0] == length - BLOCK;
   float *u = b->upper + ENTRIES * first;
   for (int r = 0; r < BLOCK; r++, u += length) {
