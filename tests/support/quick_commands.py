@@ -30,6 +30,7 @@ QUICK = {
     f"{BENCH} elbow": "--cells 12 --nus 0.3 --angles 90 --cells_of_biceps 0",
     f"{BENCH} fields": "--elements Q1 --cells 2 --fields von_mises --repeat 1",
     f"{BENCH} fuzz": "--only motion --count 5",
+    f"{BENCH} high_order": "--sizes 20000 --elements P2 --rounds 1",
     f"{BENCH} hessian_filters": "--elements Q1 --nus 0.3 --cells 1 --seeds 1",
     f"{BENCH} hertz": "--depths 0.2 --cells 2",
     f"{BENCH} interface": "--elements Q1P0 --cells 2",
