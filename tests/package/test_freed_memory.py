@@ -19,7 +19,7 @@ def _resident() -> int:
 
 
 def test_freed_arrays_leave_the_process() -> None:
-    """Libraries that PETSc links forbid it: the temporaries of a set-up would stay until the end."""
+    """SuperLU_DIST, which PETSc links, forbids it: temporaries would stay until the end."""
     before = _resident()
     arrays = [np.ones(_SIZE // 8) for _ in range(3)]
     grown = _resident() - before
