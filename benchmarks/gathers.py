@@ -39,6 +39,7 @@ def rows(
     cases: str = "error,obstacle,accuracy",
     ranks: str = "1,2,4,8,16,32",
     growth_ranks: int = 4,
+    size: float = 1.0,
     timeout: float = 600.0,
     memory: float = 16.0,
 ) -> Iterator[Row]:
@@ -52,6 +53,8 @@ def rows(
         Numbers of ranks.
     growth_ranks : int
         Ranks of the runs with fewer and with more cells, whose gathered bytes are compared.
+    size : float
+        Cells along an edge over those of CASES.
     timeout, memory : float
         Limits of a run [s], [GiB].
 
@@ -74,7 +77,7 @@ def rows(
             return counted(folder, library, number, module, words, (timeout, memory))
 
         for case in split_list(cases):
-            few, many = CASES[choose("cases", case, CASES)][2]
+            few, many = (round(size * n) for n in CASES[choose("cases", case, CASES)][2])
             for number in map(int, split_list(str(ranks))):
                 yield {"case": case, "ranks": number} | _per_step(run(case, number, few))
             smaller, larger = (run(case, growth_ranks, cells) for cells in (few, many))

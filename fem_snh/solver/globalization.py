@@ -112,7 +112,7 @@ _Reason = PETSc.SNES.ConvergedReason
 _LITTLE_DECREASE, _MUCH_RESIDUAL = 0.03, 0.55
 
 
-class Progress:
+class NewtonProgress:
     """How far the last step has reduced energy and residual.
 
     Attributes
@@ -307,12 +307,12 @@ class TrustRegion:
     acceptable step, the clamped Hessian's step is taken.
 
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
-    filtered step that makes little `Progress`: near an unstable state. Once the solve has been in
-    the region, it is enough that the last step alone leaves much of the residual. With sparse
-    factors the region is also entered after an exact step that is shorter than `SHORT`, or leaves
-    more than 0.55 of the residual where eigenvalues are negative; with ``-snes_hessian exact``,
-    where there is no descent direction. The region is exited after any step that leaves less than a
-    tenth of the residual.
+    filtered step of little progress (`NewtonProgress`): near an unstable state. Once the solve has
+    been in the region, it is enough that the last step alone leaves much of the residual. With
+    sparse factors the region is also entered after an exact step that is shorter than `SHORT`, or
+    leaves more than 0.55 of the residual where eigenvalues are negative; with
+    ``-snes_hessian exact``, where there is no descent direction. The region is exited after any
+    step that leaves less than a tenth of the residual.
 
     Parameters
     ----------
@@ -363,7 +363,7 @@ class TrustRegion:
         self.radius = sqrt(abs(decrease))
         self.entered = self._entered_before = self._unstable = True
 
-    def update(self, step: Step, progress: Progress) -> None:
+    def update(self, step: Step, progress: NewtonProgress) -> None:
         """Set `entered` by the progress of the last step."""
         if progress.residual_ratio < _EXIT_RESIDUAL:
             self.entered = False

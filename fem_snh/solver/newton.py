@@ -21,7 +21,7 @@ from fem_snh.solver.errors import clean
 from fem_snh.solver.globalization import (
     FullNewton,
     LineSearchNewton,
-    Progress,
+    NewtonProgress,
     QuasiNewton,
     TrustRegion,
 )
@@ -185,7 +185,7 @@ class ProjectedNewton:
         self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
-        progress = Progress()
+        progress = NewtonProgress()
         globalization = self._globalization(snes, forcing)
         state.energy = snes.computeObjective(x) if self.problem.has_energy else 0.0
         if not isfinite(state.energy):

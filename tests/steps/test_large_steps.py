@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from running import solve
 
-from fem_snh.solver.globalization import Progress
+from fem_snh.solver.globalization import NewtonProgress
 
 #: Most Newton and L-BFGS iterations that may be lost: a half takes 9 to 15.
 FEW = 20
@@ -37,7 +37,7 @@ def test_a_step_that_is_too_large_is_given_up_early(tmp_path, comm, scene, eleme
     ("clamp", (0, 0, 0), (1, 0.9, 0.8), False),       # without an energy
 ])  # fmt: skip
 def test_little_progress(filter, energies, norms, little):
-    progress = Progress()
+    progress = NewtonProgress()
     for k in (0, 1):
         residual = SimpleNamespace(norm=lambda k=k: norms[k + 1])
         end = SimpleNamespace(energy=energies[k + 1], residual=residual)
