@@ -18,6 +18,7 @@ from collections.abc import Collection, Sequence
 from itertools import chain
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -164,20 +165,21 @@ def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Plac
     sizes = np.abs(indicators)
     x = _dolfinx.geometry_x(domain)[:, : problem.kinematics.dim]
     centres = x[_dolfinx.geometry_dofs(domain)].mean(axis=1)
-    everywhere = np.sort(np.concatenate(comm.allgather(sizes)))[::-1]
-    if not everywhere.sum() > 0:
+    total, number = comm.allreduce(np.array([sizes.sum(), len(sizes)]))
+    if not total > 0:
         return None
-    count = int(np.searchsorted(np.cumsum(everywhere), everywhere.sum() / 2)) + 1
-    inside = sizes >= everywhere[count - 1]
-    weights = np.where(inside, sizes, 0.0)
-    weight, cells = comm.allreduce(np.array([weights.sum(), inside.sum()]))
-    at_largest = [
-        tuple(float(x) for x in centres[cell]) for cell in np.flatnonzero(sizes == everywhere[0])
-    ]
+    # Numbers that are not negative are in the order of their bits: bisection, to the last bit.
+    bits, limit = sizes.view(np.int64), 0
+    for bit in reversed(range(63)):
+        if comm.allreduce(sizes[bits >= limit + 2**bit].sum()) >= total / 2:
+            limit += 2**bit
+    weights = np.where(bits >= limit, sizes, 0.0)
+    weight, cells = comm.allreduce(np.array([weights.sum(), (bits >= limit).sum()]))
+    most = comm.allreduce(sizes.max(initial=0.0), MPI.MAX)
+    at_largest = [tuple(float(x) for x in centres[k]) for k in np.flatnonzero(sizes == most)]
     largest = min(chain.from_iterable(comm.allgather(at_largest)))
-    group = _nearest_group(mesh, weights, len(everywhere)) if mesh else ""
-    share = float(weight) / float(everywhere.sum())
-    return Place(share, int(cells), len(everywhere), largest, group)
+    group = _nearest_group(mesh, weights, int(number)) if mesh else ""
+    return Place(float(weight / total), int(cells), int(number), largest, group)
 
 
 def _nearest_group(mesh: Mesh, weights: Array, num_cells: int) -> str:

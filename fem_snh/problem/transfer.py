@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
-
-from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -67,18 +66,30 @@ class LocatedPoints:
     """
 
     def __init__(self, domain: _dolfinx.Mesh, points: Array) -> None:
-        self._comm = comm = domain.comm
-        counts = comm.allgather(len(points))
-        first = sum(counts[: comm.rank])
-        self._own, self._count = slice(first, first + len(points)), sum(counts)
-        cells, xi, outside = locate(domain, np.concatenate(comm.allgather(points)))
-        best, rank = outside.copy(), np.empty(self._count, dtype=np.int32)
-        comm.Allreduce(MPI.IN_PLACE, best, op=MPI.MIN)
-        rank[:] = np.where(outside == best, comm.rank, comm.size)
-        comm.Allreduce(MPI.IN_PLACE, rank, op=MPI.MIN)
-        self._mine = np.flatnonzero(rank == comm.rank)
-        self._cells, self._xi = cells[self._mine], xi[self._mine]
-        self.inside: Array = best[self._own] <= _INSIDE
+        self._comm, x = domain.comm, _dolfinx.geometry_x(domain)
+        boxes = self._comm.allgather((x.min(axis=0, initial=inf), x.max(axis=0, initial=-inf)))
+        asked = [((low <= points) & (points <= high)).all(axis=1) for low, high in boxes]
+        best, rank = np.full(len(points), inf), np.zeros(len(points), dtype=np.int32)
+        # First the ranks near a point, then all for points that are in no cell of these.
+        for _ in range(2):
+            sent = [np.flatnonzero(on_rank) for on_rank in asked]
+            given, ends = self._exchanged([points[which] for which in sent])
+            found = self._comm.alltoall(np.split(locate(domain, given)[2], ends))
+            for number, (which, outside) in enumerate(zip(sent, found, strict=True)):
+                closer = outside < best[which]
+                best[which[closer]], rank[which[closer]] = outside[closer], number
+            self.inside: Array = best <= _INSIDE
+            best[~self.inside] = inf
+            asked = [~self.inside] * self._comm.size
+        self._order = np.argsort(rank, kind="stable")
+        parts = np.split(self._order, np.cumsum(np.bincount(rank, minlength=len(boxes)))[:-1])
+        given, self._ends = self._exchanged([points[which] for which in parts])
+        self._cells, self._xi, _ = locate(domain, given)
+
+    def _exchanged(self, parts: list[Array]) -> tuple[Array, Array]:
+        """Send ``parts[i]`` to rank i; return all that are received, and where to split them."""
+        received = self._comm.alltoall(parts)
+        return np.concatenate(received), np.cumsum([len(part) for part in received])[:-1]
 
     def values(self, function: Any) -> Array:
         """Return a Lagrange function's values at this rank's points, (n, components). Collective.
@@ -87,10 +98,8 @@ class LocatedPoints:
         """
         V = function.function_space
         nodal = function.x.array.reshape(-1, _dolfinx.num_components(V))
-        values = np.zeros((self._count, nodal.shape[1]))
-        if len(self._mine):
-            basis = _dolfinx.tabulate_values(V, self._xi)
-            dofs = _dolfinx.node_dofs(V)[self._cells]
-            values[self._mine] = np.einsum("pk,pki->pi", basis, nodal[dofs])
-        self._comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
-        return values[self._own]
+        values = np.empty((len(self._order), nodal.shape[1]))
+        basis, dofs = _dolfinx.tabulate_values(V, self._xi), _dolfinx.node_dofs(V)[self._cells]
+        given = np.einsum("pk,pki->pi", basis, nodal[dofs])
+        values[self._order] = self._exchanged(np.split(given, self._ends))[0]
+        return values
