@@ -63,8 +63,8 @@ def rows(
     dict
         Per step, the largest of all ranks: ``messages``, ``message_kB``, ``collectives``,
         ``collective_kB`` and ``gathered_kB``. For a ``line`` of the package: the ``bytes`` that its
-        largest call left on the rank with ``on`` rank 0 or on every rank, with ``more_bytes`` for
-        ``more_cells``, and the ``exponent`` of their growth.
+        largest call left ``on`` every rank or some ranks, with ``more_bytes`` for ``more_cells``,
+        the ``exponent`` of their growth, and whether that is the ``body``.
     """
     with TemporaryDirectory() as name:
         folder = Path(name)

@@ -71,27 +71,13 @@ def call(name: str, *arguments: Any) -> None:
         raise PETSc.Error(code)
 
 
-#: glibc's options and their defaults: the size [B] from which an array has pages of its own, which
-#: it returns when it is freed (the largest that glibc adapts it to), how many arrays may have them,
-#: and the free memory [B] at the end of the heap from which it is returned (malloc/malloc.c).
-_MALLOPT = {
-    "M_MMAP_THRESHOLD": (-3, 2**25),
-    "M_MMAP_MAX": (-4, 2**16),
-    "M_TRIM_THRESHOLD": (-1, 2**26),
-}
-
-
-def _return_freed_memory() -> None:
-    """Let glibc return freed memory, which SuperLU_DIST forbids as soon as PETSc is loaded.
-
-    Temporary arrays of the set-up of a large problem would otherwise stay in the process.
-    """
-    for option, value in _MALLOPT.values():
-        if mallopt := getattr(_library(), "mallopt", None):  # glibc only
-            mallopt(option, value)
-
-
-_return_freed_memory()
+# SuperLU_DIST, which PETSc links, lets glibc never return freed memory: temporary arrays of the
+# set-up of a large problem would stay in the process. M_MMAP_THRESHOLD (the size [B] from which an
+# array has pages of its own) and M_TRIM_THRESHOLD are the largest that glibc adapts them to, and
+# M_MMAP_MAX its default (malloc/malloc.c).
+if mallopt := getattr(ffi.dlopen(None), "mallopt", None):
+    for option, value in ((-3, 2**25), (-4, 2**16), (-1, 2**26)):
+        mallopt(option, value)
 #: Attribute of a matrix: how often `set_pattern` was called.
 _PATTERNS = "fem_snh_patterns"
 #: Attribute of a KSP: the handle and `nonzero_state` of its last matrix P.

@@ -191,7 +191,8 @@ def points_in_boxes(points: Array, low: Array, high: Array) -> tuple[Array, Arra
 
     ``points`` (n, dim), and the boxes' lowest and highest coordinates (m, dim).
     """
-    count, room, (n, d) = 0, len(points), points.shape
+    count, (n, d) = 0, points.shape
+    room = 32 * n  # its memory is touched only if it is needed
     while True:
         point, box = np.empty((2, room), np.int32)
         count = _library()[1].points_in_boxes(

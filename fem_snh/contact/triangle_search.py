@@ -34,6 +34,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from fem_snh.assembly.cell_search import points_in_boxes
 from fem_snh.contact.closest_points import PseudoNormals, Triangles
 from fem_snh.contact.gathered_surface import FacetShape, Side
 from fem_snh.contact.surface_quadrature import cross_tangents
@@ -53,21 +54,16 @@ class TriangleTree:
         Corners [m].
     numbers : (k,) int, optional
         The triangles in the tree. Default: all.
-    directions : (k, 3), optional
-        Three more coordinates [m] of the midpoints: the tree then has six dimensions.
     """
 
-    def __init__(
-        self, corners: Array, numbers: Array | None = None, directions: Array | None = None
-    ) -> None:
+    def __init__(self, corners: Array, numbers: Array | None = None) -> None:
         self._numbers = np.arange(len(corners)) if numbers is None else numbers
         middles = corners[self._numbers].mean(axis=1)
         arms = np.linalg.norm(corners[self._numbers] - middles[:, None], axis=2)
         #: Box of the midpoints, and the largest distance of a corner from its midpoint [m].
         self.low, self.high = middles.min(axis=0), middles.max(axis=0)
         self.radius = float(arms.max(initial=0.0))
-        both = middles if directions is None else np.column_stack([middles, directions])
-        self._tree = cKDTree(both)
+        self._tree = cKDTree(middles)
 
     def __len__(self) -> int:
         return len(self._numbers)
@@ -78,8 +74,6 @@ class TriangleTree:
         rows: Array,
         counts: Sequence[int],
         receive: Callable[[Array, Array], Array],
-        directions: Array | None = None,
-        reach: float = np.inf,
     ) -> None:
         """Pass the triangles that are closest to points to ``receive``.
 
@@ -96,22 +90,13 @@ class TriangleTree:
             Is called with some of the rows, (s,), and triangles for each, (s, k); returns the
             distances (s,) [m] beyond which a triangle does not count. A later call for a row
             replaces an earlier one.
-        directions : (n, 3), optional
-            The points' three more coordinates [m], if the tree has six dimensions.
-        reach : float
-            Largest distance of a midpoint in the tree [m]; points without one are left out.
         """
-        at = points if directions is None else np.column_stack([points, directions])
         for count in counts:
             count, unsure = min(count, len(self)), [np.empty(0, int)]
             for some in np.array_split(rows, max(1, count * len(rows) // _BATCH)):
-                distances, near = self._tree.query(
-                    at[some], np.arange(1, count + 1), distance_upper_bound=reach
-                )
-                known = near[:, 0] < len(self)
-                some, near, distances = some[known], near[known], distances[known]
-                near = self._numbers[np.where(near < len(self), near, near[:, :1])]
-                unsure.append(some[distances[:, -1] - self.radius < receive(some, near)])
+                distances, near = self._tree.query(points[some], np.arange(1, count + 1))
+                farthest = receive(some, self._numbers[near])
+                unsure.append(some[distances[:, -1] - self.radius < farthest])
             rows = np.concatenate(unsure)
             if count == len(self) or not len(rows):
                 return
@@ -126,8 +111,6 @@ _OPPOSED = -0.5
 #: A sample is in front of a triangle, not beside its edge, if the vector from its closest point to
 #: the sample has more than this cosine with the triangle's normal.
 _FRONT = 0.85
-#: How many triangles `approaching` examines for each sample.
-_APPROACHED = 4
 
 
 class ReferenceTargets(NamedTuple):
@@ -298,28 +281,22 @@ def approaching(
     distance : float
         The largest distance of a sample from its triangle [m].
     """
-    tree = TriangleTree(corners, directions=distance * outward)
-    # The midpoint of a triangle is farther than its closest point, by its radius at most, and
-    # |n + N|^2 = 2 + 2 cos: opposed triangles nearby are the closest points, with the normals as
-    # further coordinates.
-    reach = ((distance + tree.radius) ** 2 + distance**2 * (2 + 2 * _OPPOSED)) ** 0.5
-    parts, triangles = list[Approaching](), Triangles(corners, outward)
-
-    def receive(rows: Array, near: Array) -> Array:
-        found = triangles.examine(points[rows], normals[rows], near)
-        heights = np.einsum("nki,nki->nk", outward[found.triangle], found.arm)
-        front = (heights > _FRONT * found.distance) & (found.cosine <= _OPPOSED)
-        length = np.where(front, found.distance, np.inf)
-        best = found.choose(length.argmin(axis=1))
-        shortest = length.min(axis=1)
-        close = shortest <= distance
-        columns = rows, best.triangle, best.coordinates, shortest
-        parts.append(Approaching(*(column[close] for column in columns)))
-        return shortest
-
-    every = np.arange(len(points))
-    tree.search(points, every, [_APPROACHED], receive, -distance * normals, reach)
-    return Approaching(*map(np.concatenate, zip(*parts, strict=True)))
+    # A sample in front of a triangle is in the prism above it, and beside this by a margin at most.
+    prisms = np.concatenate([corners, corners + distance * outward[:, None]], axis=1)
+    margin = distance * (1 - _FRONT**2) ** 0.5
+    low, high = prisms.min(axis=1) - margin, prisms.max(axis=1) + margin
+    sample, triangle = points_in_boxes(points, low, high)
+    opposed = np.einsum("ni,ni->n", normals[sample], outward[triangle]) <= _OPPOSED
+    sample, triangle = sample[opposed], triangle[opposed]
+    every = Triangles(corners, outward).examine(points[sample], normals[sample], triangle[:, None])
+    found = every.choose(np.zeros(len(sample), int))
+    height = np.einsum("ni,ni->n", outward[triangle], found.arm)
+    close = np.flatnonzero((height > _FRONT * found.distance) & (found.distance <= distance))
+    ascending = close[np.lexsort((found.distance[close], sample[close]))]
+    first = ascending[np.diff(sample[ascending], prepend=-1) > 0]
+    return Approaching(
+        sample[first], triangle[first], found.coordinates[first], found.distance[first]
+    )
 
 
 #: As `_EXAMINED`, but without all triangles at last: contact is with one of the closest hundred

@@ -75,7 +75,8 @@ class SymmetricBlockMatrix:
     Attributes
     ----------
     translations : (size,) float64
-        This rank's part of x.A x of the last `fill`, for each unit translation x of all nodes.
+        This rank's part of x.A x, times the scale, of the last `fill`, for each unit translation x
+        of all nodes.
 
     Raises
     ------
@@ -84,11 +85,7 @@ class SymmetricBlockMatrix:
     """
 
     def __init__(
-        self,
-        library: tuple[FFI, Lib],
-        size: int,
-        blocks: DisplacementBlocks,
-        halo: Halo | None,
+        self, library: tuple[FFI, Lib], size: int, blocks: DisplacementBlocks, halo: Halo | None
     ) -> None:
         self.ffi, self.lib = library
         diagonal, off_diagonal = blocks.diagonal, blocks.off_diagonal
@@ -129,11 +126,14 @@ class SymmetricBlockMatrix:
             self._after[LATE] = [halo.part(~early, both[0])]
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
+        one_sided = "ghost_stage" in arrays and bool((arrays["ghost_stage"] == INTERIOR).any())
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
         columns_and_offsets = (
             self.pointer(array.astype(np.int32)) for array in (indices, diagonal.offset)
         )
-        if self.lib.matrix_order(self.struct, self.pointer(stage), *columns_and_offsets):
+        if one_sided or self.lib.matrix_order(
+            self.struct, self.pointer(stage), *columns_and_offsets
+        ):
             raise BadInput(
                 "the built-in linear solver: expected a matrix with a diagonal block in every row "
                 "and a symmetric pattern (set -ksp_type for another solver)"
@@ -143,7 +143,7 @@ class SymmetricBlockMatrix:
         """Run a kernel's stages from the ``first``, EARLY or LATE; return the result of the last.
 
         ``rest`` are the kernel's further arguments. During the second stage the first stage's rows
-        of ``values``, one or two vectors among them, go to other ranks.
+        of ``values``, one or two of their vectors, go to other ranks.
         """
         run, pairs = getattr(self.lib, kernel), list(zip(self._after[first], values, strict=False))
         run(self.struct, first, *rest)
@@ -157,10 +157,6 @@ class SymmetricBlockMatrix:
     def pointer(self, array: Array) -> CData:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
         return build.pointer(self.ffi, array)
-
-    def weighted_norm_squared(self, p: Array) -> float:
-        """Return p.D^-1 p over this rank's rows."""
-        return float(self.lib.matrix_weighted_norm(self.struct, self.pointer(p)))
 
     def fill(self, values: int, off_diagonal: int, scale: float) -> int:
         """Copy an AIJ matrix's values, given by their addresses, times ``scale``; invert D.
@@ -449,7 +445,7 @@ class Halo:
     first : (ranks + 1,)
         First global node of each rank, and the number of nodes.
     nodes : (ghosts,)
-        Global numbers of the ghost nodes of this rank.
+        Global numbers of the ghost nodes of this rank, ascending.
     width : int
         Number of values of a node.
     dtype : dtype

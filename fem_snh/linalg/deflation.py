@@ -209,11 +209,9 @@ class Deflation:
     def _create_space(self, blocks: DisplacementBlocks, subdomains: int) -> tuple[Array, Array]:
         """Create the C struct; return (row, column) of the blocks of E that this rank adds to."""
         matrix, rows, subdomain = self._matrix, self._matrix.rows, self.subdomain
+        own = np.arange(rows, dtype=np.int32)
         parts = [
-            (
-                np.repeat(np.arange(rows, dtype=np.int32), np.diff(part.indptr)),
-                subdomain[part.indices + np.int32(shift)],
-            )
+            (np.repeat(own, np.diff(part.indptr)), subdomain[part.indices + shift])
             for part, shift in ((blocks.diagonal, 0), (blocks.off_diagonal, rows))
             if part is not None
         ]

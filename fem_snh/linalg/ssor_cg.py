@@ -192,7 +192,7 @@ class EisenstatCG:
                 start = system.start_cycle(residual)
 
     def residual(self) -> np.ndarray:
-        """Return this rank's b - A x of the last solution, accurate to single precision.
+        """Return this rank's b - A x of the last solution, to single precision. Collective.
 
         Valid only if `has_residual`.
         """
@@ -335,8 +335,8 @@ class SSORSystem:
     Raises
     ------
     BadInput
-        On every rank, for a matrix whose blocks are neither 2x2 nor 3x3, or without a diagonal
-        block in every row.
+        On every rank, for a matrix whose blocks are neither 2x2 nor 3x3, without a diagonal block
+        in every row, or with a pattern that is not symmetric.
     """
 
     def __init__(
@@ -402,9 +402,11 @@ class SSORSystem:
     def body_modes(self, A: PETSc.Mat) -> BodyModes | None:
         """Return the `BodyModes` of A; None if single precision suffices. Collective."""
         X, matrix = self._coordinates, self.matrix
+        if X is None:
+            return None
         energies = self.comm.allreduce(matrix.translations)
         least = energies.min() * matrix.size / self.unknowns  # of the Rayleigh quotients
-        if X is None or not LEAST_IN_DOUBLE < least < _LEAST_IN_SINGLE:
+        if not LEAST_IN_DOUBLE < least < _LEAST_IN_SINGLE:
             return None
         from fem_snh.linalg.deflation import BodyModes
 
@@ -450,7 +452,7 @@ class SSORSystem:
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, *arguments))
 
     def residual(self) -> npt.NDArray[np.float64]:
-        """Return this rank's b - A x of the present x, (size rows,), to single precision."""
+        """Return this rank's b - A x, (size rows,), to single precision. Collective."""
         matrix, r = self.matrix, np.empty(len(self._r))
         pointers = self._pointers["r"], self._size, matrix.pointer(r)
         matrix.sweep("matrix_multiply_lower", [self._r], *pointers)
@@ -471,7 +473,8 @@ class SSORSystem:
 
     def direction_norm_squared(self) -> float:
         """Return p.D^-1 p over all ranks."""
-        return self._sum(self.matrix.weighted_norm_squared(self._vectors["p"]))
+        matrix, p = self.matrix, self._pointers["p"]
+        return self._sum(matrix.lib.matrix_weighted_norm(matrix.struct, p))
 
     def add_solution(self, x: PETSc.Vec, unit: float) -> None:
         """Add the cycle's solution, times ``unit``, to x in double precision."""

@@ -120,30 +120,29 @@ class NewtonProgress:
     residual_ratio, two_steps : float
         The norm of the residual relative to that before the step, and before the last two.
     small_decrease : bool
-        Whether the energy has decreased, but little.
+        Whether the energy has decreased little, or not at all.
     filtered : bool
         Whether the step's Hessian was filtered.
+    is_little : bool
+        Whether a filtered step has decreased the energy, and has made little progress.
     """
 
     def __init__(self) -> None:
         self.residual_ratio = self.two_steps = 1.0
-        self.small_decrease = self.filtered = False
+        self.small_decrease = self.filtered = self.is_little = False
         self._highest = -inf
 
     def update(self, norm: float, energy: float, step: Step) -> None:
         """Set the attributes after a step from a residual of this norm [N] and an energy [J]."""
         assert step.end is not None
         end = step.end.energy
-        self._highest = max(self._highest, energy)
-        self.small_decrease = 0 < energy - end <= _LITTLE_DECREASE * (self._highest - end)
+        self._highest, decrease = max(self._highest, energy), energy - end
+        self.small_decrease = decrease < _LITTLE_DECREASE * (self._highest - end)
         ratio = step.end.residual.norm() / norm
         self.two_steps, self.residual_ratio = ratio * self.residual_ratio, ratio
         self.filtered = step.filter in ("clamp", "abs")
-
-    @property
-    def is_little(self) -> bool:
-        """Whether the step was filtered and has made little progress."""
-        return self.filtered and self.small_decrease and self.two_steps > _MUCH_RESIDUAL
+        small = self.filtered and self.small_decrease and decrease > 0
+        self.is_little = small and self.two_steps > _MUCH_RESIDUAL
 
 
 #: Largest number of full steps: near a solution Newton's method needs 4 to 6.

@@ -112,8 +112,10 @@ class ProjectedNewton:
     left : _Left
         The unstable equilibrium that the last solve left last.
     give_up : callable or None
-        Called with the unknowns after a filtered step that has made little progress; whether the
-        solve ends, with DIVERGED_LOCAL_MIN.
+        Called with the unknowns after a filtered step that has made little progress; returns why
+        the solve ends, with DIVERGED_LOCAL_MIN, or "".
+    gave_up : str
+        Why the last solve ended so, or "".
     """
 
     #: The class of the search directions; benchmarks replace it to compare methods.
@@ -139,7 +141,8 @@ class ProjectedNewton:
         self._filter, self._filtered_points = "exact", 0
         self._dtol_given = False
         self.left = _Left()
-        self.give_up: Callable[[PETSc.Vec], bool] | None = None
+        self.give_up: Callable[[PETSc.Vec], str] | None = None
+        self.gave_up = ""
 
     # --- PETSc's callbacks -----------------------------------------------------------------------
 
@@ -181,7 +184,7 @@ class ProjectedNewton:
 
         Sets the SNES's converged reason and the attributes of the last solve; ignores ``b``.
         """
-        self.left = _Left()
+        self.left, self.gave_up = _Left(), ""
         self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
@@ -236,7 +239,10 @@ class ProjectedNewton:
             step.end.copy_to(state)
             step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
             norm = state.residual.norm()
-            if self.give_up and progress.is_little and self.give_up(x):
+            if self.give_up and progress.is_little and (reason := self.give_up(x)):
+                self.gave_up = reason
+                snes.setIterationNumber(its + 1)
+                snes.setFunctionNorm(norm)
                 snes.setConvergedReason(Reason.DIVERGED_LOCAL_MIN)
                 return
             # petsc4py frees dropped objects only when told to, for each communicator.

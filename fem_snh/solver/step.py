@@ -256,8 +256,6 @@ class StepOutcome:
         The norm of a proximal term's forces relative to the acting forces; None without the term.
     predicted : int
         Linear iterations of the predictor; 0 if it solved no linear system.
-    gave_up : bool
-        Whether the last solve ended as its `ProjectedNewton.give_up` asked for it.
     """
 
     converged: bool = False
@@ -270,7 +268,6 @@ class StepOutcome:
     negative: int | None = None
     stabilisation: float | None = None
     predicted: int = 0
-    gave_up: bool = False
 
     @property
     def newton(self) -> int:
@@ -295,12 +292,12 @@ class StepOutcome:
     def add_solve(self, snes: PETSc.SNES) -> None:
         """Add the last solve of ``snes``, whose result replaces the step's. Collective."""
         self.converged = snes.getConvergedReason() > 0
-        self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
         context = snes.getPythonContext()
+        self.reason = context.gave_up or failure_reason(snes)
+        self.residual = snes.getFunctionNorm()
         self.tolerance, self.negative = context.tolerance, context.negative
         self.history += context.history
         self.out_of_memory = out_of_memory(snes)
-        self.gave_up = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN
 
     def fail_inner(self, error: NotSettled) -> None:
         """Mark the step as failed, with the reason "DIVERGED_INNER: " and the error's message."""

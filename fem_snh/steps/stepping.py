@@ -108,11 +108,12 @@ class StepSolver:
                 problem.set_load(before)
             tried = self._attempt(load, predict, rescues)
             history += tried.history
-            if tried.converged or not rescues:
+            gave_up = self.snes.getPythonContext().gave_up
+            if tried.converged or gave_up or not rescues:
                 outcome = tried
             if tried.converged:
                 self._rescued = rescues
-            if tried.converged or tried.gave_up:
+            if tried.converged or gave_up:
                 break
         outcome.history = history
         if judge and outcome.converged:
@@ -144,7 +145,7 @@ class StepSolver:
 
     @property
     def can_rescue(self) -> bool:
-        """Whether failed steps are solved again by `Rescue`: in statics with contact."""
+        """Whether failed steps, unless given up, are solved again by `Rescue`: with contact."""
         problem = self.problem
         touches = any(term.is_contact for term in problem.terms) and problem.motion is None
         assembled = problem.operator == problem.A and bool(problem.regions)
@@ -289,7 +290,8 @@ class Stepper:
         self._last: dict[str, Any] = {}
         #: The end of the last step that failed by inverted points: no step up to it fails so again.
         self._doubted = -1.0
-        self._reason = ""  # why the last step was given up
+        #: The end of the last step that was given up before it converged.
+        self._given_up = -1.0
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
 
@@ -344,16 +346,16 @@ class Stepper:
         problem, watch = self.problem, Stopwatch()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
         before, context = problem.x.copy(), self.solver.snes.getPythonContext()
-        context.give_up = None if self.motion else partial(self._inverts, before, to)
-        outcome = self.solver.solve(
-            to,
-            lambda outcome: estimate.update(self._judge(outcome, before, to)),
-            predict=predict,
-            restore=restore,
-        )
-        context.give_up = None
-        if outcome.gave_up:
-            outcome.reason = self._reason
+        context.give_up = None if self.motion else partial(self._gives_up, before, to)
+        try:
+            outcome = self.solver.solve(
+                to,
+                lambda outcome: estimate.update(self._judge(outcome, before, to)),
+                predict=predict,
+                restore=restore,
+            )
+        finally:
+            context.give_up = None
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history
@@ -463,8 +465,9 @@ class Stepper:
         Return {"error": local error} of a time step with a tolerance, else {}.
         """
         motion = self.motion
-        if self._inverts(start, to, self.problem.x):
-            outcome.converged, outcome.reason = False, self._reason
+        if motion is None and to > self._doubted:
+            if reason := self._inversion(start, self.problem.x):
+                self._doubted, outcome.converged, outcome.reason = to, False, reason
         if motion is None or motion.tolerance is None:
             return {}
         ratio = motion.local_error(self.problem) / motion.tolerance
@@ -473,19 +476,21 @@ class Stepper:
             outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
         return {"error": ratio * motion.tolerance}
 
-    def _inverts(self, start: PETSc.Vec, to: float, end: PETSc.Vec) -> bool:
-        """Return whether a divisible static step inverts points at ``end``, and none at ``start``.
+    def _gives_up(self, start: PETSc.Vec, to: float, x: PETSc.Vec) -> str:
+        """Return why to give up a step of little progress, now at ``x``, or "". Collective.
 
-        The next step up to ``to`` may invert points.
+        Later steps up to the load ``to`` are not given up.
         """
-        if self.motion or to <= self._doubted or not self.size.is_divisible:
-            return False
-        lowest, before = (self.problem.measures(x)["min_J"] for x in (end, start))
-        if not lowest <= 0 < before:
-            return False
-        self._doubted = to
-        self._reason = f"{INVERTED}: min J = {lowest:.2g}, at the start > 0"
-        return True
+        reason = self._inversion(start, x) if to > self._given_up else ""
+        self._given_up = to if reason else self._given_up
+        return reason
+
+    def _inversion(self, start: PETSc.Vec, x: PETSc.Vec) -> str:
+        """Return that a divisible step inverts points at ``x``, and none at its start, or ""."""
+        if not (self.size.is_divisible and (lowest := self.problem.measures(x)["min_J"]) <= 0):
+            return ""
+        untouched = self.problem.measures(start)["min_J"] > 0
+        return f"{INVERTED}: min J = {lowest:.2g}, at the start > 0" if untouched else ""
 
 
 #: A failed step is halved at most this many times: 1/64 of a nominal step.

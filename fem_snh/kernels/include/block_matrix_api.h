@@ -9,9 +9,9 @@ enum { EARLY, INTERIOR, LATE };
 
 /* One rank's rows of a symmetric matrix of blocks in single precision, A = L + D - shift + L^T + R. D is block
  * diagonal. L has the couplings of rows to earlier rows in the order of the sweeps, those of a late row to other ranks'
- * early rows among them; R has the couplings of late rows to other ranks' late rows. Of this rank's part of L and L^T
- * only that of U = L^T is stored, its rows in the order of the sweeps. A block row of U with
- * n blocks is BLOCK rows of BLOCK n floats. The columns of other ranks are stored alike, as in PETSc's AIJ format.
+ * early rows among them; R has the couplings of late rows to other ranks' late rows. Of the couplings between this
+ * rank's rows only U = L^T is stored, its rows in the order of the sweeps. A block row of U with n blocks is BLOCK rows
+ * of BLOCK n floats. The columns of other ranks are stored alike, as in PETSc's AIJ format.
  * Arrays with "4 more" floats have them at the end, because the load of a last block reads beyond it. */
 typedef struct {
   int rows;                     /* block rows */

@@ -3,7 +3,7 @@
  * preconditioner's two triangular solves. */
 
 /* The fraction of the absolute row sums of R that is added to D. With 1, M bounds A, as the smoothers of Baker et al.
- * 2011 do; iterations are fewest from 0.35 to 0.7 (docs/results/scaling.md). */
+ * 2011 do; 0.35 takes the fewest iterations (docs/results/scaling.md). */
 #define REMAINDER_WEIGHT 0.35f
 
 /* How far ahead of a loop over blocks their values are prefetched [bytes]. A block row is BLOCK rows of values, and the
@@ -76,7 +76,7 @@ int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *c
       const float later = stage[BLOCK * j] - stage[BLOCK * i];
       if (j == i) b->aij_diagonal[i] = n - b->aij_start[i];
       if (later < 0 || (later == 0 && j <= i)) continue;
-      if (upper == (blocks - rows) / 2) return 1;
+      if (upper >= (blocks - rows) / 2) return 1;
       b->upper_column[upper] = j;
       b->upper_value[upper++] = offsets[n];
     }
