@@ -109,7 +109,7 @@ def test_few_iterations_at_nu_0_4999(comm, element, cells, newton):
     row = fem_snh.run("stretch", static_condensation=False, **given).steps[0]
     assert row["mixed_reason"] == "CONVERGED_FNORM_ABS"
     assert row["newton"] <= newton and row["linear"] <= 12 * row["newton"]
-    condensed = fem_snh.run("stretch", static_condensation=True, **given).steps[0]
+    condensed = fem_snh.run("stretch", static_condensation=True, **given).steps[-1]
     assert row["energy"] == pytest.approx(condensed["energy"], rel=1e-9)
     assert "mixed_reason" not in condensed
 
