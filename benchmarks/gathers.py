@@ -20,7 +20,7 @@ from fem_snh.errors import choose
 
 #: Scenes with the settings of a run, and cells along an edge: few, and about twice as many in all.
 CASES: dict[str, tuple[str, dict[str, Any], tuple[int, int]]] = {
-    "error": ("stretch", {"steps": 1, "error": True}, (8, 10)),
+    "error": ("stretch", {"steps": 1, "stretch": 1.4, "error": True}, (8, 10)),
     "obstacle": ("press", {"steps": 2}, (10, 13)),
     "accuracy": (
         "stretch",
