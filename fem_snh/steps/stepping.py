@@ -290,8 +290,6 @@ class Stepper:
         self._last: dict[str, Any] = {}
         #: The end of the last step that failed by inverted points: no step up to it fails so again.
         self._doubted = -1.0
-        #: The end of the last step that was given up before it converged.
-        self._given_up = -1.0
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
 
@@ -346,7 +344,7 @@ class Stepper:
         problem, watch = self.problem, Stopwatch()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
         before, context = problem.x.copy(), self.solver.snes.getPythonContext()
-        context.give_up = None if self.motion else partial(self._gives_up, before, to)
+        context.give_up = partial(self._inverts, before, to)
         try:
             outcome = self.solver.solve(
                 to,
@@ -465,9 +463,8 @@ class Stepper:
         Return {"error": local error} of a time step with a tolerance, else {}.
         """
         motion = self.motion
-        if motion is None and to > self._doubted:
-            if reason := self._inversion(start, self.problem.x):
-                self._doubted, outcome.converged, outcome.reason = to, False, reason
+        if reason := self._inverts(start, to, self.problem.x):
+            outcome.converged, outcome.reason = False, reason
         if motion is None or motion.tolerance is None:
             return {}
         ratio = motion.local_error(self.problem) / motion.tolerance
@@ -476,21 +473,19 @@ class Stepper:
             outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
         return {"error": ratio * motion.tolerance}
 
-    def _gives_up(self, start: PETSc.Vec, to: float, x: PETSc.Vec) -> str:
-        """Return why to give up a step of little progress, now at ``x``, or "". Collective.
+    def _inverts(self, start: PETSc.Vec, to: float, x: PETSc.Vec) -> str:
+        """Return that a divisible static step inverts points at ``x``, not at its start, or "".
 
-        Later steps up to the load ``to`` are not given up.
+        If so, no later step up to the load ``to`` does: it may invert points. Collective.
         """
-        reason = self._inversion(start, x) if to > self._given_up else ""
-        self._given_up = to if reason else self._given_up
-        return reason
-
-    def _inversion(self, start: PETSc.Vec, x: PETSc.Vec) -> str:
-        """Return that a divisible step inverts points at ``x``, and none at its start, or ""."""
-        if not (self.size.is_divisible and (lowest := self.problem.measures(x)["min_J"]) <= 0):
+        if self.motion or to <= self._doubted or not self.size.is_divisible:
             return ""
-        untouched = self.problem.measures(start)["min_J"] > 0
-        return f"{INVERTED}: min J = {lowest:.2g}, at the start > 0" if untouched else ""
+        if not (lowest := self.problem.measures(x)["min_J"]) <= 0:
+            return ""
+        if not self.problem.measures(start)["min_J"] > 0:
+            return ""
+        self._doubted = to
+        return f"{INVERTED}: min J = {lowest:.2g}, at the start > 0"
 
 
 #: A failed step is halved at most this many times: 1/64 of a nominal step.
