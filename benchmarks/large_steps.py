@@ -89,7 +89,8 @@ def rows(scenes: str = "", ways: str = "", timeout: float = 300.0) -> Iterator[R
     Yields
     ------
     dict
-        ``fails``: attempts that failed. ``same``: whether the energy is that of the most steps.
+        ``fails``: attempts that failed. ``energy``: without one, the largest displacement.
+        ``same``: whether it is that of the most steps.
     """
     names = [choose("scene", name, SCENES) for name in split_list(scenes)] or list(SCENES)
     chosen = [choose("way", way, WAYS) for way in split_list(ways)] or list(WAYS)
@@ -132,6 +133,8 @@ def _row(name: str, way: str, timeout: float) -> Row:
     row: Row = {"scene": name, "way": way, "dofs": record.get("dofs"), "converged": good}
     row |= {key: sum(step[key] for step in steps) for key in ("newton", "linear", "lbfgs")}
     row["fails"] = sum(not step["converged"] for step in steps)
-    row["energy"] = steps[-1]["energy"] or steps[-1]["max_u"] if good else None
+    row["energy"] = steps[-1]["energy"] if good else None
+    if good and row["energy"] is None:
+        row["energy"] = steps[-1]["max_u"]
     row["seconds"] = round(record.get("processor_seconds", timeout), 2)
     return row

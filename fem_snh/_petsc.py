@@ -76,8 +76,8 @@ def call(name: str, *arguments: Any) -> None:
 # array has pages of its own) and M_TRIM_THRESHOLD are the largest that glibc adapts them to, and
 # M_MMAP_MAX its default (malloc/malloc.c).
 if mallopt := getattr(ffi.dlopen(None), "mallopt", None):
-    for option, value in ((-3, 2**25), (-4, 2**16), (-1, 2**26)):
-        mallopt(option, value)
+    for option_and_value in ((-3, 2**25), (-4, 2**16), (-1, 2**26)):
+        mallopt(*option_and_value)
 #: Attribute of a matrix: how often `set_pattern` was called.
 _PATTERNS = "fem_snh_patterns"
 #: Attribute of a KSP: the handle and `nonzero_state` of its last matrix P.

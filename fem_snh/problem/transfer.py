@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +51,27 @@ def evaluate(function: Any, points: Array) -> Array:
     return LocatedPoints(function.function_space.mesh, points).values(function)
 
 
+class _Round(NamedTuple):
+    """Points that ranks located for each other.
+
+    Attributes
+    ----------
+    sent, closer : list of arrays
+        For each rank: the points that it located for this one, and in which of them its cell was
+        nearer than those of the ranks before.
+    ends : (ranks - 1,) int
+        Where to split the points that this rank located into those of each rank.
+    cells, xi : (n,), (n, dim)
+        The nearest cells of this rank, and the points' reference coordinates in them.
+    """
+
+    sent: list[Array]
+    closer: list[Array]
+    ends: Array
+    cells: Array
+    xi: Array
+
+
 class LocatedPoints:
     """Points, each with the cell of any rank that contains it or is nearest to it. Collective.
 
@@ -69,27 +92,23 @@ class LocatedPoints:
         self._comm, x = domain.comm, _dolfinx.geometry_x(domain)
         boxes = self._comm.allgather((x.min(axis=0, initial=inf), x.max(axis=0, initial=-inf)))
         asked = [((low <= points) & (points <= high)).all(axis=1) for low, high in boxes]
-        best, rank = np.full(len(points), inf), np.zeros(len(points), dtype=np.int32)
+        best, self._rounds = np.full(len(points), inf), list[_Round]()
         # First the ranks near a point, then all for points that are in no cell of these.
         for _ in range(2):
             sent = [np.flatnonzero(on_rank) for on_rank in asked]
-            given, ends = self._exchanged([points[which] for which in sent])
-            found = self._comm.alltoall(np.split(locate(domain, given)[2], ends))
-            for number, (which, outside) in enumerate(zip(sent, found, strict=True)):
-                closer = outside < best[which]
-                best[which[closer]], rank[which[closer]] = outside[closer], number
+            given = self._comm.alltoall([points[which] for which in sent])
+            ends = np.cumsum([len(part) for part in given])[:-1]
+            cells, xi, outside = locate(domain, np.concatenate(given))
+            found, closer = self._comm.alltoall(np.split(outside, ends)), list[Array]()
+            for which, distance in zip(sent, found, strict=True):
+                closer.append(distance < best[which])
+                best[which[closer[-1]]] = distance[closer[-1]]
+            self._rounds.append(_Round(sent, closer, ends, cells, xi))
             self.inside: Array = best <= _INSIDE
+            if self._comm.allreduce(bool(self.inside.all()), MPI.LAND):
+                break
             best[~self.inside] = inf
             asked = [~self.inside] * self._comm.size
-        self._order = np.argsort(rank, kind="stable")
-        parts = np.split(self._order, np.cumsum(np.bincount(rank, minlength=len(boxes)))[:-1])
-        given, self._ends = self._exchanged([points[which] for which in parts])
-        self._cells, self._xi, _ = locate(domain, given)
-
-    def _exchanged(self, parts: list[Array]) -> tuple[Array, Array]:
-        """Send ``parts[i]`` to rank i; return all that are received, and where to split them."""
-        received = self._comm.alltoall(parts)
-        return np.concatenate(received), np.cumsum([len(part) for part in received])[:-1]
 
     def values(self, function: Any) -> Array:
         """Return a Lagrange function's values at this rank's points, (n, components). Collective.
@@ -98,8 +117,11 @@ class LocatedPoints:
         """
         V = function.function_space
         nodal = function.x.array.reshape(-1, _dolfinx.num_components(V))
-        values = np.empty((len(self._order), nodal.shape[1]))
-        basis, dofs = _dolfinx.tabulate_values(V, self._xi), _dolfinx.node_dofs(V)[self._cells]
-        given = np.einsum("pk,pki->pi", basis, nodal[dofs])
-        values[self._order] = self._exchanged(np.split(given, self._ends))[0]
+        values = np.empty((len(self.inside), nodal.shape[1]))
+        for sent, closer, ends, cells, xi in self._rounds:
+            basis, dofs = _dolfinx.tabulate_values(V, xi), _dolfinx.node_dofs(V)[cells]
+            given = np.einsum("pk,pki->pi", basis, nodal[dofs])
+            parts = self._comm.alltoall(np.split(given, ends))
+            for which, is_closer, part in zip(sent, closer, parts, strict=True):
+                values[which[is_closer]] = part[is_closer]
         return values
