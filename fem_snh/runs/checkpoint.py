@@ -32,7 +32,7 @@ from fem_snh.runs.output import nodal_values
 from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows
 from fem_snh.runs.scene_options import check_same, identity
 from fem_snh.scenes import Scene
-from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.stepping import INVERTED, Stepper
 
 if TYPE_CHECKING:
     from fem_snh.problem.goals import Goal
@@ -262,8 +262,10 @@ class Checkpoint:
         problem.set_load(self.load)
         problem.split(problem.x)
         problem.matrix.set_constrained_diagonal(about["diagonal"])
-        stepper.size.next = about["size"]
-        stepper.taken = sum(row["converged"] for row in self.record["steps"])
+        stepper.size.next, rows = about["size"], self.record["steps"]
+        stepper.taken = sum(row["converged"] for row in rows)
+        inverted = [row["load"] for row in rows if row["reason"].startswith(INVERTED)]
+        stepper.doubted = inverted[-1] if inverted else stepper.doubted
         for name, term in problem.history.by_name.items():
             points, values = term.history()
             at, kept = _history_names(name)

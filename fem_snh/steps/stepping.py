@@ -249,6 +249,8 @@ class Stepper:
         The size of the next step.
     targets : sequence of float
         The loads at which steps end, in ascending order. Default: the multiples of 1/steps.
+    doubted : float
+        The end of the last step that failed by inverted points: no step up to it fails so again.
     done : bool
         Whether the last target is reached.
     taken : int
@@ -288,8 +290,7 @@ class Stepper:
         self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
-        #: The end of the last step that failed by inverted points: no step up to it fails so again.
-        self._doubted = -1.0
+        self.doubted = -1.0
         #: Whether memory was exhausted, in which case a shorter step fails as well.
         self._out_of_memory = False
 
@@ -478,13 +479,13 @@ class Stepper:
 
         If so, no later step up to the load ``to`` does: it may invert points. Collective.
         """
-        if self.motion or to <= self._doubted or not self.size.is_divisible:
+        if self.motion or to <= self.doubted or not self.size.is_divisible:
             return ""
         if not (lowest := self.problem.measures(x)["min_J"]) <= 0:
             return ""
         if not self.problem.measures(start)["min_J"] > 0:
             return ""
-        self._doubted = to
+        self.doubted = to
         return f"{INVERTED}: min J = {lowest:.2g}, at the start > 0"
 
 

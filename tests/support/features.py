@@ -114,6 +114,7 @@ CASES: dict[str, tuple[Any, dict[str, Any], int]] = {
     "pressure": ("stretch", STRETCH | {"element": "Q2Q1", "nu": 0.5}, 2),
     "cell pressures": ("stretch", _PRESSURES | {"static_condensation": False}, 1),
     "halved": (PRESS, {}, 4),
+    "inverted": ("press", {"cells": 4, "element": "Q1", "nu": 0.45, "to": 0.01, "steps": 1}, 2),
     "traction": ("cook", {"cells": 3, "element": "Q1", "steps": 3}, 2),
     "axisymmetric": ("stretch", _TUBE, 1),
     "loads": (_LOADS, {}, 2),
