@@ -475,9 +475,10 @@ class Stepper:
         return {"error": ratio * motion.tolerance}
 
     def _inverts(self, start: PETSc.Vec, to: float, x: PETSc.Vec) -> str:
-        """Return that a divisible static step inverts points at ``x``, not at its start, or "".
+        """Return why to halve a static step that inverts points at ``x``, or "". Collective.
 
-        If so, no later step up to the load ``to`` does: it may invert points. Collective.
+        So if its start has no inverted points. The halves are believed: later steps up to the load
+        ``to`` may invert points.
         """
         if self.motion or to <= self.doubted or not self.size.is_divisible:
             return ""
