@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
@@ -31,7 +32,6 @@ from fem_snh.contact.samples import (
     DeformedCells,
     Neighbourhood,
     SurfaceSamples,
-    body_numbers,
     cell_sizes,
     cell_stiffness,
     smallest_at_points,
@@ -288,7 +288,7 @@ class TargetSearch:
             self._edge_areas = _EDGE_AREA * areas[self._edges.triangles].sum(axis=1)
             self._around_edges = self._near.around(self._edges.points)
         self._sample_sizes = self.samples.at(sizes)
-        bodies = body_numbers(V)
+        bodies = connected_parts(V)[0]
         self._cell_bodies = bodies[self._cells.nodes[:, 0]]
         of_points = surface.support.gather(bodies[:, None])[surface.columns[:, 0], 0]
         points, triangles = surface.points[:, : self._dim], surface.triangles
