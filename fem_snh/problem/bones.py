@@ -295,11 +295,9 @@ class BoneRecords:
             about ``origin``, the present position [length] of the bone's origin; ``nodes``, the
             number of the bone's nodes; ``pose``, the three rows [A | c].
         """
-        problem = self._problem
-        X, r = problem.coordinates, problem.x.duplicate()
-        problem.gradient(problem.x, r)
-        f = r.array_r[: 3 * len(X)].reshape(-1, 3)
-        x = X + problem.x.array_r[: 3 * len(X)].reshape(-1, 3)
+        problem, X = self._problem, self._problem.coordinates
+        f = problem.nodal(problem.gradient_at(problem.x))
+        x = X + problem.nodal(problem.x)
         poses = [bone.affine(problem.load) for bone in self._bones]
         origins = [p[:, :3] @ b.origin + p[:, 3] for p, b in zip(poses, self._bones, strict=True)]
         local = np.zeros((len(self._bones), 2, 3))

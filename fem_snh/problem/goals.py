@@ -26,6 +26,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.unknowns import (
     add_ghosts,
     copy_to_function,
@@ -308,9 +309,7 @@ class ReactionGoal(VectorGoal):
         else:
             positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
             virtual = virtual_rotation(kinematics, positions, i, self._about)
-        e, turning = problem.x.duplicate(), None
-        e.set(0.0)
-        e.array[: shape[0] * shape[1]] = weighted(weights, virtual).ravel()
+        e, turning = vector_like(problem.x, weighted(weights, virtual).ravel()), None
         if self._about is not None and problem.rigid and not kinematics.revolved:
             turning = _turning(problem, weights, np.eye(3)[i])
         return dual_of_reaction(at, e, turning)
@@ -319,11 +318,8 @@ class ReactionGoal(VectorGoal):
 def _turning(problem: Problem, weights: Array, axis: Array) -> PETSc.Vec:
     """Return the derivative of a moment by the positions of rigid parts' nodes: f x axis."""
     assert problem.rigid is not None
-    forces, found = problem.x.duplicate(), problem.x.duplicate()
-    problem.gradient(problem.x, forces)
-    found.set(0.0)
-    dofs = problem.rigid.dofs
-    f = weighted(weights[problem.rigid.nodes], forces.array_r[dofs])
+    found, dofs = vector_like(problem.x), problem.rigid.dofs
+    f = weighted(weights[problem.rigid.nodes], problem.gradient_at(problem.x).array_r[dofs])
     found.array[dofs] = np.cross(problem.kinematics.padded(f), axis)[:, : dofs.shape[1]]
     return found
 
@@ -698,7 +694,5 @@ class RigidGoal(VectorGoal):
         turned = self.kind == "moment"
         e, turning = rigid.velocity(x, self._part, np.eye(6)[number + 3 * turned]), None
         if turned:  # the arms turn with the part
-            forces = x.duplicate()
-            problem.gradient(x, forces)
-            turning = rigid.derivative_of_arms(x, self._part, forces, number)
+            turning = rigid.derivative_of_arms(x, self._part, problem.gradient_at(x), number)
         return dual_of_reaction(at, e, turning)

@@ -30,6 +30,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
 from fem_snh.assembly.elimination import Elimination
@@ -445,8 +446,7 @@ class RigidParts(Term):
         ``twist`` (6,) is (v, omega) in fixed axes: the velocity of the part's point and the angular
         velocity.
         """
-        found, basis = x.duplicate(), self._basis(self.poses(x))
-        found.set(0.0)
+        found, basis = vector_like(x), self._basis(self.poses(x))
         own = self.labels == self.names.index(part)
         found.array[self.dofs[own]] = basis[own] @ twist
         return found
@@ -562,9 +562,7 @@ class RigidParts(Term):
 
     def expand(self, x: PETSc.Vec, values: Array) -> None:
         """Replace unknowns in ``values`` (owned dofs,) by nodal displacements. Collective."""
-        d = x.duplicate()
-        d.array[: len(values)] = values
-        poses = self.poses(x)
+        poses, d = self.poses(x), vector_like(x, values)
         twists = (self.tree.jacobian(poses) @ self._unknowns(d)).reshape(-1, UNKNOWNS)
         moved = np.einsum("nik,nk->ni", self._basis(poses), twists[self.labels])
         values[self.dofs] = moved

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.unknowns import (
     add_ghosts,
@@ -196,11 +197,9 @@ class ForceBalance:
 
         Default: all terms but inertia and damping.
         """
-        r = problem.x.duplicate()
         if terms is None:
             terms = [t for t in problem.terms if t not in self.terms]
-        problem.gradient(problem.x, r, terms)
-        return np.array(r.array_r[: self._mass.num_owned])
+        return np.array(problem.gradient_at(problem.x, terms).array_r[: self._mass.num_owned])
 
     def smooth_forces(self, problem: Problem) -> Array:
         """Return `other_forces` without the terms that have mean forces. Collective."""
@@ -246,8 +245,7 @@ class ForceBalance:
         """
         force, rigid = -forces - self.inertial_forces(prescribed), problem.rigid
         if rigid:
-            nodal = problem.x.duplicate()
-            nodal.array[: len(force)] = force
+            nodal = vector_like(problem.x, force)
             rigid.reduce_vector(problem.x, nodal)
             force = nodal.array_r[: len(force)].copy()
             rigid.prepare_mass(problem.x)
