@@ -15,12 +15,7 @@ from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    local_values,
-    update_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.unknowns import summed_over_ranks
 from fem_snh.choices import FILTERS
 from fem_snh.contact.law import ContactLaw, Friction, cell_heights, default_stiffness
 from fem_snh.contact.obstacle_pair import ObstaclePair
@@ -298,8 +293,4 @@ class ObstacleFields:
         """
         sums = np.zeros((self._surface.num_nodes, 1))
         self._surface.add_vectors(weighted[..., None], slice(None), sums)
-        vector = _dolfinx.create_vector(self._space)
-        writable_values(vector)[:] = sums[:, 0]
-        add_ghosts(vector)
-        update_ghosts(vector)
-        return np.array(local_values(vector))
+        return summed_over_ranks(self._space, sums)[:, 0]

@@ -299,7 +299,6 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
             return np.zeros(1)
         forces = _dolfinx.create_vector(self._V)
         nodal = self._rows(forces)
-        nodal[:] = 0
         self.add_residual(u, None, forces, None)
         x = self.surface.points
         if name == "contact_pressure":

@@ -13,12 +13,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    local_values,
-    with_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.unknowns import numbers_with_ghosts, summed_over_ranks
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions import Bone, check_determinant
 from fem_snh.geometry.shapes import ClosedSurface, Shape, deepest
@@ -133,7 +128,7 @@ def place_bones(
     number = deepest(depths, tolerance)
     if bones and not comm.allreduce(int(np.count_nonzero(number < 0))):
         raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
-    local = with_ghosts(V, np.repeat(number, 3)).reshape(-1, 3)[:, 0].astype(int)
+    local = numbers_with_ghosts(V, number)
     found = {}
     for i, bone in enumerate(order):
         if not comm.allreduce(int(np.count_nonzero(number == i))):
@@ -160,13 +155,10 @@ def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
     xi = _dolfinx.reference_nodes("hexahedron", _dolfinx.degree(V))
     columns = np.round(2 * xi).astype(int) @ [9, 3, 1]
     chosen = row >= 0
-    vector = _dolfinx.create_vector(V)
-    values = writable_values(vector).reshape(-1, 3)
-    values[:] = 0
+    values = np.zeros((sum(_dolfinx.num_nodes(V)), 3))
     # All cells that share a node give the same value.
     values[nodes[chosen].ravel(), 0] = copies.copied[row[chosen]][:, columns].ravel()
-    add_ghosts(vector)
-    return np.asarray(local_values(vector).reshape(-1, 3)[:owned, 0] > 0)
+    return np.asarray(summed_over_ranks(V, values)[:owned, 0] > 0)
 
 
 def _depths(

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
 from fem_snh.assembly.kinematics import Kinematics
-from fem_snh.assembly.unknowns import local_values, update_ghosts
+from fem_snh.assembly.unknowns import numbers_with_ghosts
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rotate
 from fem_snh.problem.problem import Problem
@@ -351,13 +351,9 @@ def _connected_parts(problem: Problem) -> tuple[Array, Array]:
     local, labels = np.unique(roots, return_inverse=True)
     first = comm.exscan(len(local)) or 0
     # A ghost node has a label here and on its owner: they are of the same part.
-    vector = _dolfinx.create_vector(V)
-    components_of_node = _dolfinx.num_components(V)
-    vector.array.reshape(-1, components_of_node)[:, 0] = first + labels[:owned]
-    update_ghosts(vector)
-    there = local_values(vector).reshape(-1, components_of_node)[owned:, 0].astype(np.int64)
-    links = [np.stack([first + labels[owned:], there], axis=1)]
-    links = np.unique(np.concatenate(comm.allgather(np.concatenate(links))), axis=0)
+    there = numbers_with_ghosts(V, first + labels[:owned])[owned:]
+    links = np.stack([first + labels[owned:], there], axis=1)
+    links = np.unique(np.concatenate(comm.allgather(links)), axis=0)
     count = comm.allreduce(len(local))
     links = np.concatenate([links, np.repeat(np.arange(count), 2).reshape(-1, 2)])
     if problem.rigid:

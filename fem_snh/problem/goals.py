@@ -27,12 +27,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    copy_to_function,
-    set_to_zero,
-    writable_values,
-)
+from fem_snh.assembly.unknowns import add_ghosts, copy_to_function, writable_values
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.problem.duals import Dual, Linearisation, dual_of_reaction
@@ -146,13 +141,6 @@ def vector_of(name: str) -> str:
     return rest if last in AXES else name
 
 
-def _zero_vector(problem: Problem) -> PETSc.Vec:
-    """Return a ghosted vector of the displacement's space."""
-    vector = _dolfinx.create_vector(problem.V)
-    set_to_zero(vector)
-    return vector
-
-
 class VectorGoal(Goal):
     """Components of a vector.
 
@@ -219,7 +207,7 @@ class PointGoal(WeightedGoal):
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         probes, weights = Probes(problem.u, [self]), []
         for i in self._components:
-            vector = _zero_vector(problem)
+            vector = _dolfinx.create_vector(problem.V)
             nodal = writable_values(vector).reshape(-1, problem.kinematics.components)
             for nodes, basis in probes.weights():
                 nodal[nodes, i] += basis
@@ -614,7 +602,7 @@ class TermGoal(Goal):
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
-        problem, derivative = at.problem, _zero_vector(at.problem)
+        problem, derivative = at.problem, _dolfinx.create_vector(at.problem.V)
         u = problem.split(problem.x)[0]
         component = self._components[number]
         self._term(problem).add_goal_derivative(self._name, component, u, derivative)
@@ -629,7 +617,7 @@ class TermGoal(Goal):
         term = self._term(problem)
         if not isinstance(term, ForceTerm):
             return None
-        forces = _zero_vector(problem)
+        forces = _dolfinx.create_vector(problem.V)
         term.add_nodal_forces(self._name, problem.split(x)[0], forces)
         add_ghosts(forces)
         parts = forces.array.reshape(-1, problem.kinematics.components)

@@ -42,6 +42,7 @@ from fem_snh.assembly.unknowns import (
     nodes_of_other_cells,
     set_to_zero,
     update_ghosts,
+    with_ghosts,
     writable_values,
 )
 from fem_snh.errors import bad_value
@@ -572,11 +573,9 @@ class RigidParts(Term):
 
         ``nodal`` (nodes, components) has the values of this rank's own nodes.
         """
-        vector = _dolfinx.create_vector(self._V)
-        writable_values(vector)[:] = values
-        vector.array[self.dofs] = nodal
-        update_ghosts(vector)
-        values[:] = local_values(vector)
+        values[self.dofs] = nodal
+        owned = self._kinematics.components * _dolfinx.num_nodes(self._V)[0]
+        values[:] = with_ghosts(self._V, values[:owned])
 
     def make_rigid(
         self, x: PETSc.Vec, mass: NodalMass, step: float, v: Array, a: Array | None = None

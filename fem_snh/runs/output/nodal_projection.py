@@ -20,6 +20,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.unknowns import add_ghosts, writable_values
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[np.float64]
@@ -97,9 +98,8 @@ class NodalProjection:
         """Return the projection of a scalar, (cells, points), at the nodes."""
         integrals = (self._weights * values) @ self._basis
         sums = np.bincount(self._vertices, integrals.ravel(), len(self._f.x.array))
-        with self._load.localForm() as local:
-            local.array[:] = sums
-        self._load.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        writable_values(self._load)[:] = sums
+        add_ghosts(self._load)
         solution = _dolfinx.petsc_vec(self._f)
         self._ksp.solve(self._load, solution)
         if self._ksp.reason <= 0:

@@ -256,13 +256,6 @@ class ForceBalance:
         update_ghosts(found)
         return prescribed + local_values(found)
 
-    def update_ghosts(self, values: Array) -> None:
-        """Update the ghosts of ``values`` (local dofs,) from their owners, in place. Collective."""
-        vector = _dolfinx.create_vector(self._V)
-        writable_values(vector)[:] = values
-        update_ghosts(vector)
-        values[:] = local_values(vector)
-
     def _summed(self, local: Array) -> Array:
         """Return nodal forces (local dofs,) summed over the ranks, (owned dofs,). Collective."""
         vector = _dolfinx.create_vector(self._V)
