@@ -97,6 +97,15 @@ def vector_like(x: PETSc.Vec, values: npt.ArrayLike = ()) -> PETSc.Vec:
     return vector
 
 
+def jacobi_cg(comm: Any, **tolerances: float) -> PETSc.KSP:
+    """Return PETSc's conjugate gradients with Jacobi's preconditioner, without a prefix."""
+    ksp = PETSc.KSP().create(comm)
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    ksp.setTolerances(**tolerances)
+    return ksp
+
+
 def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
     """Return two numbers, at least one of which changes with the matrix's sparsity pattern."""
     state = ffi.new("long *")  # PetscObjectState, of 64 bits
