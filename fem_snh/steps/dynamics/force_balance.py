@@ -22,6 +22,7 @@ from fem_snh.assembly.unknowns import (
     update_ghosts,
     writable_values,
 )
+from fem_snh.geometry.rotations import skew
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping
@@ -309,8 +310,6 @@ def cell_rotations(x: Array, v: Array, time: float, revolved: bool = False) -> A
         moment = np.cross(r, v).sum(axis=1)[..., None]
         w = np.linalg.solve(inertia * (1 + _SMALLEST) - squares, moment)[..., 0]
     half = time / 2 * w
-    skew = np.zeros((len(half), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        skew[:, j, i], skew[:, i, j] = half[:, k], -half[:, k]
+    W = skew(half)
     factor = 2 / (1 + (half**2).sum(axis=1))[:, None, None]
-    return np.asarray(np.eye(3) + factor * (skew + skew @ skew))
+    return np.asarray(np.eye(3) + factor * (W + W @ W))
