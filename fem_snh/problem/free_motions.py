@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.connected_parts import components, connected_parts
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import BadInput
@@ -163,11 +164,8 @@ class Supports:
     def _forces(self, u: Array, terms: Sequence[Term]) -> Array:
         """Return the forces dE/du [N] of terms at a displacement, (owned nodes, components)."""
         problem = self._problem
-        x, f = problem.x.duplicate(), problem.x.duplicate()
-        x.set(0.0)
-        x.array[: u.size] = u.ravel()
-        problem.gradient(x, f, terms)
-        return np.array(f.array_r[: u.size]).reshape(u.shape)
+        f = problem.gradient_at(vector_like(problem.x, u.ravel()), terms)
+        return np.array(problem.nodal(f))
 
     def _stiffness(self, free: Array, terms: Sequence[Term]) -> Array:
         """Return the stiffness (n, n) of terms along motions, relative to E L; I if not finite."""

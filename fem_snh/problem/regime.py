@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.regions import Region
@@ -194,15 +195,12 @@ def _curvature(problem: Problem, gradient: Array) -> float:
 
     G is ``gradient``, (components, 3).
     """
-    force, moved = problem.x.duplicate(), problem.x.duplicate()
-    moved.set(0.0)
-    moved.array[: problem.owned_displacements] = (problem.coordinates @ gradient.T).ravel()
+    moved = vector_like(problem.x, (problem.coordinates @ gradient.T).ravel())
     works = []
     for sign in (1, -1):
         state = problem.x.copy()
         state.axpy(sign * _STRAIN, moved)
-        problem.gradient(state, force)
-        works.append(float(force.dot(moved)))
+        works.append(float(problem.gradient_at(state).dot(moved)))
     volume = problem.length**problem.kinematics.volume_dimension
     return (works[0] - works[1]) / (2 * _STRAIN * volume)
 
