@@ -216,9 +216,9 @@ class EquilibriumStability:
 
     def _free_rotations(self, x: PETSc.Vec) -> list[PETSc.Vec]:
         r"""Return the rotations :math:`\omega \times x` that nothing constrains. Collective."""
-        problem, size, found = self._problem, self._problem.regime.dimension, []
-        points = x.array_r[: size * len(problem.coordinates)].reshape(-1, size)
-        points = points + problem.coordinates[:, :size]
+        problem, u, found = self._problem, self._problem.nodal(x), []
+        size = u.shape[1]
+        points = u + problem.coordinates[:, :size]
         points -= self._centre(points)
         projected = x.duplicate()
         for i, j in combinations(range(size), 2):
@@ -398,7 +398,7 @@ def _function_of_coordinates(
     points, primes = problem.coordinates / problem.length, np.array(_PRIMES)
     # Irrational wave numbers and phases: no plane of symmetry of a body maps it to itself.
     phases = points @ np.sqrt(frequency * primes[:9].reshape(3, 3)) + np.sqrt(primes[9:])
-    values = function(phases)[:, : problem.regime.dimension]
+    values = function(phases)[:, : problem.nodal(problem.x).shape[1]]
     vector = vector_like(problem.x, values.ravel())
     problem.project(vector.array)
     return vector
