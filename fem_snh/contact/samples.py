@@ -231,7 +231,8 @@ class Neighbourhood:
         table = _dolfinx.tabulate_element(kind, 1, reference, 0)[0]
         node, vertex = np.nonzero(np.abs(table) > _ZERO)
         pairs = np.stack([nodes[:, node].ravel(), vertices[:, vertex].ravel()], axis=1)
-        pairs = np.concatenate(comm.allgather(pairs[np.isin(pairs[:, 0], support)]))
+        pairs = np.unique(pairs[np.isin(pairs[:, 0], support)], axis=0)  # of several cells
+        pairs = np.concatenate(comm.allgather(pairs))
         entries = np.searchsorted(support, pairs[:, 0]), pairs[:, 1]
         carriers = csr_matrix((np.ones(len(pairs), bool), entries), shape=(len(support), size))
         self._points = _incidence(surface.columns, len(support)) @ carriers
