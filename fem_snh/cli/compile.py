@@ -13,7 +13,7 @@ from fem_snh.cli import start_petsc
 from fem_snh.cli.options import Parser
 from fem_snh.kernels.material import material, supports
 from fem_snh.materials.parameters import variants
-from fem_snh.materials.registry import function
+from fem_snh.materials.registry import function, names
 
 #: Poisson's ratios of the solutions: elements of mean dilatation have cell pressures at the second.
 _SOLVED = (0.49, 0.4999)
@@ -30,7 +30,7 @@ def compile_parser() -> Parser:
         names NAME  materials; default: all
         --elements E,E  elements; default: all
         """,
-        names={"nargs": "*", "default": fem_snh.materials()},
+        names={"nargs": "*", "default": names()},
         elements={"default": ",".join(ELEMENTS)},
     )
     return parser
