@@ -41,8 +41,8 @@ _VALUES = (
     "mooney_rivlin", "hold.0.group=botom", "material.nu=0.5", "reactions=top,bottom", "petsc.x=1",
     "mesh=", "table.0=1", "hold=1", "hold.5.group=1", "a.b.c.d=1", "..=1", "gravity.vector=1,2",
 )  # fmt: skip
-#: Commands whose valid calls are studies of hours: they get an option that no command has.
-_LONG = ("sweep",)
+#: Commands whose valid calls take minutes or hours: they get an option that no command has.
+_LONG = ("sweep", "compile")
 _PETSC = (
     ("-ksp_rtol", "x"), ("-snes_max_it", "-1"), ("-snes_hessian", "x"), ("1e-6",), ("-",), ("--",),
     ("-snes_rtol", "nan"), ("-snes_max_it", "3"), ("-pc_type", "nonsense"),

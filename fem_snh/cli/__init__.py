@@ -38,6 +38,7 @@ COMMANDS = {
     "render": ("tools", "draw the deformed body of a run"),
     "view": ("tools", "write a run as one interactive HTML page"),
     "export": ("tools", "write a run as one VTKHDF file, or its surface as OBJ files"),
+    "compile": ("compile", "compile the kernels of materials before runs need them"),
     "help": ("help", "tell what a key of a scene or a material is, and what it accepts"),
     "doctor": ("doctor", "check the installation"),
 }

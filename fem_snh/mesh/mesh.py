@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -281,18 +282,23 @@ def distribute(comm: MPI.Comm, what: str, make: Callable[..., MeshData], *args: 
             f"({str(error).rstrip('.')}): expected another size of cells"
         ) from None
     check_geometry(domain, what, may_overlap=common.skin is not None)
-    groups = tuple(_locate(domain, group) for group in common.groups)
+    # Entities and their vertices are the same for all groups of a dimension.
+    vertices = cache(partial(_dolfinx.input_vertices, domain))
+    groups = tuple(_locate(domain, group, vertices) for group in common.groups)
     fractions = common.fractions
     fractions = None if fractions is None else fractions[_dolfinx.input_cells(domain)]
     return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin, common.copies)
 
 
-def _locate(domain: _dolfinx.Mesh, group: PhysicalGroup) -> Group:
-    """Return the group with its entities on this rank. Collective."""
+def _locate(domain: _dolfinx.Mesh, group: PhysicalGroup, vertices: Callable[[int], Array]) -> Group:
+    """Return the group with its entities on this rank. Collective.
+
+    ``vertices`` returns the input node numbers of the vertices of all entities of a dimension.
+    """
     if group.dim == _dolfinx.mesh_dimension(domain)[0]:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
     else:
-        local = _rows_in(_dolfinx.input_vertices(domain, group.dim), group.entities)
+        local = _rows_in(vertices(group.dim), group.entities)
     entities = np.flatnonzero(local).astype(np.int32)
     return _group(domain, group.name, group.dim, group.tag, entities)
 

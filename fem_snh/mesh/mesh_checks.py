@@ -161,7 +161,8 @@ def scaled_jacobian(domain: _dolfinx.Mesh) -> np.ndarray:
         # Relative to the cell's size: products of three lengths neither overflow nor underflow.
         size = np.abs(jacobian).max(axis=(1, 2, 3), keepdims=True)
         jacobian /= np.where(size > 0, size, 1.0)
-        lengths = np.linalg.norm(jacobian @ np.swapaxes(edges, 1, 2), axis=2).prod(axis=2)
+        tangents = np.einsum("cpij,pkj->cpik", jacobian, edges)
+        lengths = np.sqrt(np.einsum("cpik,cpik->cpk", tangents, tangents)).prod(axis=2)
         # No LU factors as of numpy.linalg.det: they overflow for tiny numbers.
         volumes = _determinants(np.moveaxis(jacobian, 2, 0))
         scaled = volumes / np.maximum(lengths, np.finfo(float).tiny)
