@@ -22,6 +22,7 @@ from fem_snh.errors import choose
 CASES: dict[str, tuple[str, dict[str, Any], tuple[int, int]]] = {
     "error": ("stretch", {"steps": 1, "stretch": 1.4, "error": True}, (8, 10)),
     "obstacle": ("press", {"steps": 2}, (10, 13)),
+    "self_contact": ("hand", {"steps": 2}, (30, 38)),
     "accuracy": (
         "stretch",
         {"steps": 1, "accuracy": {"goals": ["energy"], "within": 0.03}},
@@ -36,7 +37,7 @@ _SMALL = 1000
 
 
 def rows(
-    cases: str = "error,obstacle,accuracy",
+    cases: str = "error,obstacle,self_contact,accuracy",
     ranks: str = "1,2,4,8,16,32",
     growth_ranks: int = 4,
     size: float = 1.0,

@@ -11,6 +11,7 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh import cache
 from fem_snh.errors import BadInput
@@ -86,6 +87,23 @@ _SEEN = "fem_snh_seen_pattern"
 _SINGULAR = "fem_snh_singular"
 #: Attribute of a KSP: set by `expect_definite_matrix`.
 _DEFINITE = "fem_snh_definite"
+
+
+def vector_like(x: PETSc.Vec, values: npt.ArrayLike = ()) -> PETSc.Vec:
+    """Return a new vector of the layout of ``x``: on each rank ``values`` (n,), then zeros."""
+    vector, first = x.duplicate(), np.asarray(values)
+    vector.set(0.0)
+    vector.array[: len(first)] = first
+    return vector
+
+
+def jacobi_cg(comm: Any, **tolerances: float) -> PETSc.KSP:
+    """Return PETSc's conjugate gradients with Jacobi's preconditioner, without a prefix."""
+    ksp = PETSc.KSP().create(comm)
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    ksp.setTolerances(**tolerances)
+    return ksp
 
 
 def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:

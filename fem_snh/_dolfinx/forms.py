@@ -44,12 +44,13 @@ def petsc_vec(u: fem.Function) -> PETSc.Vec:
 
 
 def create_vector(V: FunctionSpace) -> PETSc.Vec:
-    """Return a zero ghosted vector on V, with V's block size. Collective."""
+    """Return a ghosted vector of zeros on V, with V's block size. Collective."""
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
     size = (index_map.size_local * bs, index_map.size_global * bs)
     ghosts = np.asarray(index_map.ghosts, dtype=PETSc.IntType)
     vector = PETSc.Vec().createGhost(ghosts, size, bsize=bs, comm=V.mesh.comm)
-    vector.set(0.0)
+    with vector.localForm() as local:
+        local.set(0.0)
     return vector
 
 

@@ -92,8 +92,7 @@ class Lift:
     def __init__(self, problem: Problem, lifted: Problem, update: Any = None) -> None:
         self.problem, self.lifted = problem, lifted
         self.newton = self.linear = 0
-        self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
-        lifted.gradient(self.start, self.start_gradient)
+        self.start, self.start_gradient = lifted.x.copy(), lifted.gradient_at(lifted.x)
         try:
             lifted.history.begin_step(lifted.split(lifted.x)[0])
         except BadInput as error:  # a barrier, as finer triangles of the surface may intersect

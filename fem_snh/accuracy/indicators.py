@@ -94,8 +94,7 @@ class Shares:
             self._spaces.append(lifted.saddle_point.Q)
         parts = zip(self._spaces, self._parts(gradient), strict=True)
         self._residual = [_shared(V, part) for V, part in parts]
-        own = problem.x.duplicate()
-        problem.gradient(problem.x, own)
+        own = problem.gradient_at(problem.x)
         self._coarse = self._less(self._residual[0], own.array_r[: problem.owned_displacements])
 
     def of(self, z: PETSc.Vec) -> Array:

@@ -27,7 +27,7 @@ from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
-from fem_snh._petsc import aij_blocks, values_at
+from fem_snh._petsc import aij_blocks, jacobi_cg, values_at
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.matrix_layout import MatrixLayout
@@ -187,11 +187,8 @@ class NodalMass:
             If the linear solver leaves a large residual.
         """
         self.assemble(matrix)
-        ksp = PETSc.KSP().create(self._comm)
+        ksp = jacobi_cg(self._comm, rtol=_RTOL, atol=0.0)
         ksp.setOperators(matrix.mat)
-        ksp.setType(PETSc.KSP.Type.CG)
-        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-        ksp.setTolerances(rtol=_RTOL, atol=0.0)
         a, b = matrix.mat.createVecs()
         b.set(0.0)
         b.array[: self.num_owned] = force

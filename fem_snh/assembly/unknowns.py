@@ -196,6 +196,13 @@ def with_ghosts(V: FunctionSpace, owned: Array) -> Array:
     return np.array(local_values(vector))
 
 
+def numbers_with_ghosts(V: FunctionSpace, owned: Array) -> Array:
+    """Return a copy of owned nodes' whole numbers, followed by the ghosts' numbers. Collective."""
+    components = _dolfinx.num_components(V)
+    local = with_ghosts(V, np.repeat(owned, components)).reshape(-1, components)
+    return local[:, 0].astype(np.int64)
+
+
 def summed_over_ranks(V: FunctionSpace, values: Array) -> Array:
     """Return the sums over ranks of values at local nodes, ghosts included. Collective.
 

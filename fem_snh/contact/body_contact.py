@@ -15,7 +15,6 @@ from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.choices import FILTERS
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
 from fem_snh.contact.law import (
     ContactLaw,
@@ -38,7 +37,7 @@ from fem_snh.contact.triangle_search import (
     gap_second_derivative,
     measure_gaps,
 )
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value
 from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.history import LaggedChange, relative
 from fem_snh.terms.term import CouplingTerm, MeanForceTerm
@@ -353,6 +352,12 @@ class SurfacePair(ContactPair):
         found = found.reshape(-1, k, 3, k, 3)[:, :, :c, :, :c].reshape(-1, c * k, c * k)
         return self._surface.nodes[nodes[first]], found, filtered
 
+    def add_hessian(self, x: Array, filter: str, target: BlockMatrix) -> int:
+        """Add the Hessians of `matrices`; return the number of filtered points."""
+        nodes, matrices, filtered = self.matrices(x, filter)
+        target.add_couplings(nodes, matrices)
+        return filtered
+
     def node_pairs(self, x: Array) -> Array:
         """Return the pairs of global nodes of facets that may touch, (n, 2).
 
@@ -567,18 +572,6 @@ class BodyContact(SurfaceContact, MeanForceTerm, CouplingTerm):
         if self._coupled is None or any(map(lambda a, b: a is not b, parts, self._coupled[0])):
             self._coupled = parts, np.concatenate(parts)
         return self._coupled[1]
-
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
-        """Add this rank's filtered Hessian; return how many points were filtered. Collective."""
-        choose("filter", filter, FILTERS)
-        x, count = self.configuration(u), 0
-        for pair in self.pairs:
-            nodes, matrices, filtered = pair.matrices(x, filter)
-            target.add_couplings(nodes, matrices)
-            count += filtered
-        return count
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset multipliers to the last accepted step's, and search the facets. Collective."""

@@ -12,21 +12,13 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
-from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    local_values,
-    update_ghosts,
-    writable_values,
-)
-from fem_snh.choices import FILTERS
+from fem_snh.assembly.unknowns import summed_over_ranks
 from fem_snh.contact.law import ContactLaw, Friction, cell_heights, default_stiffness
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_contact import SurfaceContact
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.errors import choose
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.records.output_fields import AT_OBSTACLES, CONTACT_PRESSURES
 from fem_snh.terms.term import MeanForceTerm, WorkingTerm
@@ -163,20 +155,6 @@ class ObstacleContact(SurfaceContact, WorkingTerm, MeanForceTerm):
         for pair in self.pairs:
             pair.set_load(load)
 
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
-        """Add this rank's filtered Hessian; return how many of its points were filtered."""
-        choose("filter", filter, FILTERS)
-        x, count = self.configuration(u), 0
-        for pair in self.pairs:
-            cells, matrices, filtered = pair.matrices(x, filter)
-            target.add_matrices(cells, matrices)
-            count += filtered
-            if pair.friction:
-                target.add_matrices(*pair.friction_matrices(x))
-        return count
-
     def narrow(self, u: PETSc.Vec) -> list[str]:
         """Return the names of obstacles whose contact is narrower than a facet. Collective.
 
@@ -298,8 +276,4 @@ class ObstacleFields:
         """
         sums = np.zeros((self._surface.num_nodes, 1))
         self._surface.add_vectors(weighted[..., None], slice(None), sums)
-        vector = _dolfinx.create_vector(self._space)
-        writable_values(vector)[:] = sums[:, 0]
-        add_ghosts(vector)
-        update_ghosts(vector)
-        return np.array(local_values(vector))
+        return summed_over_ranks(self._space, sums)[:, 0]

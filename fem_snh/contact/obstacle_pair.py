@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.facet_loops import largest_move, same
 from fem_snh.contact.law import (
     ContactLaw,
@@ -430,11 +431,14 @@ class ObstaclePair(ContactPair):
         )
         return self.surface.cells[at.which[rows]], matrices, count
 
-    def friction_matrices(self, u: Array) -> tuple[Array, Array]:
-        """Return cells (m,) and their Hessians of friction (m, n, n) [N/m]: see `matrices`."""
-        assert self.friction
-        cells, matrices = self.friction.matrices(u)
-        return cells, self.weight * matrices
+    def add_hessian(self, u: Array, filter: str, target: BlockMatrix) -> int:
+        """Add the Hessians of `matrices` and of friction; return the number of filtered points."""
+        cells, matrices, filtered = self.matrices(u, filter)
+        target.add_matrices(cells, matrices)
+        if self.friction:
+            cells, matrices = self.friction.matrices(u)
+            target.add_matrices(cells, self.weight * matrices)
+        return filtered
 
     def row(self, u: Array) -> dict[str, Any]:
         """Return the obstacle's row of run.json. Collective.

@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
-from fem_snh.choices import FILTERS
 from fem_snh.contact.closest_points import Normals, PseudoNormals, intersect
 from fem_snh.contact.gathered_surface import Blocks, EmbeddedSurface, SurfaceMatrix
 from fem_snh.contact.samples import (
@@ -31,7 +31,6 @@ from fem_snh.contact.samples import (
     DeformedCells,
     Neighbourhood,
     SurfaceSamples,
-    body_numbers,
     cell_sizes,
     cell_stiffness,
     smallest_at_points,
@@ -40,7 +39,6 @@ from fem_snh.contact.samples import (
 )
 from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
-from fem_snh.errors import choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.history import LaggedChange, relative
 
@@ -224,6 +222,11 @@ class NodalSprings:
         acting = np.flatnonzero(self.gaps(v) < 0)
         return self._matrix.products(self._derivatives[acting], self._stiffness[acting])
 
+    def add_hessian(self, v: Array, filter: str, target: BlockMatrix) -> int:
+        """Add the Hessian, which is positive semidefinite: nothing is filtered."""
+        self._matrix.add(self.hessian(v), target)
+        return 0
+
     def pattern(self) -> Blocks:
         """Return nonnegative blocks with the entries of `hessian` if all pairs touched."""
         return self._matrix.products(abs(self._derivatives), np.ones(len(self._stiffness)))
@@ -288,7 +291,7 @@ class TargetSearch:
             self._edge_areas = _EDGE_AREA * areas[self._edges.triangles].sum(axis=1)
             self._around_edges = self._near.around(self._edges.points)
         self._sample_sizes = self.samples.at(sizes)
-        bodies = body_numbers(V)
+        bodies = connected_parts(V)[0]
         self._cell_bodies = bodies[self._cells.nodes[:, 0]]
         of_points = surface.support.gather(bodies[:, None])[surface.columns[:, 0], 0]
         points, triangles = surface.points[:, : self._dim], surface.triangles
@@ -706,15 +709,6 @@ class ReferenceContact(SelfContactTerm):
             if not self._matrix.contains(pattern):
                 self._matrix.replace(pattern)
         return self._matrix.pairs
-
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
-        """Add the Hessian, which is positive semidefinite: nothing is filtered. Collective."""
-        choose("filter", filter, FILTERS)
-        v = self.configuration(u)
-        self._matrix.add(self._nodal_springs.hessian(v), target)
-        return 0
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
         """Return ``{"self_contact": row}`` for run.json. Collective.

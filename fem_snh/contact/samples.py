@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
@@ -263,36 +262,6 @@ def _incidence(columns: Array, size: int, used: Array | None = None) -> csr_matr
     found.sum_duplicates()  # sorts, too
     found.eliminate_zeros()
     return found
-
-
-def body_numbers(V: FunctionSpace) -> Array:
-    """Return the number of the body of each local node, (local nodes,) int. Collective.
-
-    Bodies are the connected parts of the mesh; nodes have one number on all ranks.
-    """
-    comm, nodes = V.mesh.comm, _dolfinx.node_dofs(V)
-    size, numbers = sum(_dolfinx.num_nodes(V)), _dolfinx.local_to_global(V)
-    first = np.repeat(nodes[:, :1], nodes.shape[1], axis=1).ravel()
-    count, label = _components(first, nodes.ravel(), size)
-    label = label + (comm.exscan(count) or 0)
-    # A node of several ranks joins their labels.
-    ghosts = numbers[_dolfinx.num_nodes(V)[0] :]
-    shared = np.unique(np.concatenate(comm.allgather(ghosts)))
-    mine = np.isin(numbers, shared)
-    pairs = np.concatenate(comm.allgather(np.stack([numbers[mine], label[mine]], axis=1)))
-    total = comm.allreduce(count)
-    columns = total + np.searchsorted(shared, pairs[:, 0])
-    return np.asarray(_components(pairs[:, 1], columns, total + len(shared))[1][label])
-
-
-def _components(first: Array, second: Array, size: int) -> tuple[int, Array]:
-    """Return how many connected components a graph has, and the component of each node.
-
-    ``first`` and ``second`` are the ends of its edges, ``size`` is the number of nodes.
-    """
-    graph = coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=(size, size))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label
 
 
 #: Points outside a deformed cell by at most this, in reference coordinates, are found too, as they

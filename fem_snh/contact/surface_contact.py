@@ -14,8 +14,10 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.unknowns import local_values, update_ghosts, writable_values
+from fem_snh.choices import FILTERS
 from fem_snh.contact.gathered_surface import (
     EmbeddedSurface,
     SurfaceMatrix,
@@ -24,6 +26,7 @@ from fem_snh.contact.gathered_surface import (
 )
 from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.surface_quadrature import DeepestPoint
+from fem_snh.errors import choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.records.output_fields import CONTACT_PRESSURES
 from fem_snh.terms.history import HistoryTerm, LaggedChange, largest_change
@@ -193,6 +196,14 @@ class SurfaceContact(HistoryTerm, ForceTerm):
         for pair in self.pairs:
             self.add_nodal(pair.gradient(x), r_u)
 
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add this rank's filtered Hessian; return how many points were filtered. Collective."""
+        choose("filter", filter, FILTERS)
+        x = self.configuration(u)
+        return sum(pair.add_hessian(x, filter, target) for pair in self.pairs)
+
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
         """Return the pairs' rows for run.json: ``{key: {pair name: row}}``. Collective."""
         x = self.configuration(u)
@@ -299,7 +310,6 @@ class SelfContactTerm(SurfaceContact, CouplingTerm):
             return np.zeros(1)
         forces = _dolfinx.create_vector(self._V)
         nodal = self._rows(forces)
-        nodal[:] = 0
         self.add_residual(u, None, forces, None)
         x = self.surface.points
         if name == "contact_pressure":

@@ -13,12 +13,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    local_values,
-    with_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.unknowns import numbers_with_ghosts, summed_over_ranks
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions import Bone, check_determinant
 from fem_snh.geometry.shapes import ClosedSurface, Shape, deepest
@@ -133,7 +128,7 @@ def place_bones(
     number = deepest(depths, tolerance)
     if bones and not comm.allreduce(int(np.count_nonzero(number < 0))):
         raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
-    local = with_ghosts(V, np.repeat(number, 3)).reshape(-1, 3)[:, 0].astype(int)
+    local = numbers_with_ghosts(V, number)
     found = {}
     for i, bone in enumerate(order):
         if not comm.allreduce(int(np.count_nonzero(number == i))):
@@ -160,13 +155,10 @@ def _copies(V: _dolfinx.FunctionSpace, mesh: Mesh | None) -> Array:
     xi = _dolfinx.reference_nodes("hexahedron", _dolfinx.degree(V))
     columns = np.round(2 * xi).astype(int) @ [9, 3, 1]
     chosen = row >= 0
-    vector = _dolfinx.create_vector(V)
-    values = writable_values(vector).reshape(-1, 3)
-    values[:] = 0
+    values = np.zeros((sum(_dolfinx.num_nodes(V)), 3))
     # All cells that share a node give the same value.
     values[nodes[chosen].ravel(), 0] = copies.copied[row[chosen]][:, columns].ravel()
-    add_ghosts(vector)
-    return np.asarray(local_values(vector).reshape(-1, 3)[:owned, 0] > 0)
+    return np.asarray(summed_over_ranks(V, values)[:owned, 0] > 0)
 
 
 def _depths(
@@ -295,11 +287,9 @@ class BoneRecords:
             about ``origin``, the present position [length] of the bone's origin; ``nodes``, the
             number of the bone's nodes; ``pose``, the three rows [A | c].
         """
-        problem = self._problem
-        X, r = problem.coordinates, problem.x.duplicate()
-        problem.gradient(problem.x, r)
-        f = r.array_r[: 3 * len(X)].reshape(-1, 3)
-        x = X + problem.x.array_r[: 3 * len(X)].reshape(-1, 3)
+        problem, X = self._problem, self._problem.coordinates
+        f = problem.nodal(problem.gradient_at(problem.x))
+        x = X + problem.nodal(problem.x)
         poses = [bone.affine(problem.load) for bone in self._bones]
         origins = [p[:, :3] @ b.origin + p[:, 3] for p, b in zip(poses, self._bones, strict=True)]
         local = np.zeros((len(self._bones), 2, 3))

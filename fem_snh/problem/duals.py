@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import set_operators
+from fem_snh._petsc import set_operators, vector_like
 from fem_snh.problem.problem import Problem
 from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.saddle_point import outer_operator
@@ -65,8 +65,7 @@ class Linearisation:
         found = []
         for dual in duals:
             if dual.derivative is None:
-                z = problem.x.duplicate()
-                z.set(0.0)
+                z = vector_like(problem.x)
             else:
                 z = next(solved)
                 if problem.rigid:
@@ -78,11 +77,8 @@ class Linearisation:
 
     def dual_of(self, derivative: PETSc.Vec) -> Dual:
         """Return the dual for a derivative by the displacement, a ghosted vector of ``V``."""
-        g = self.problem.x.duplicate()
-        g.set(0.0)
-        size = self.problem.owned_displacements
-        g.array[:size] = derivative.array_r[:size]
-        return self.dual_of_all(g)
+        displacements = derivative.array_r[: self.problem.owned_displacements]
+        return self.dual_of_all(vector_like(self.problem.x, displacements))
 
     def dual_of_all(self, g: PETSc.Vec, offset: PETSc.Vec | None = None) -> Dual:
         """Return the dual for a derivative by all displacements and pressures, which is reduced."""
@@ -122,10 +118,9 @@ def dual_of_reaction(at: Linearisation, e: PETSc.Vec, turning: PETSc.Vec | None)
 
 def _hessian_product(problem: Problem, e: PETSc.Vec) -> PETSc.Vec:
     """Return H e by a central difference: the assembled matrix has no constrained columns."""
-    h, product, other = _DIFFERENCE * problem.length, e.duplicate(), e.duplicate()
-    problem.gradient(problem.x + h * e, product)
-    problem.gradient(problem.x - h * e, other)
-    product.axpy(-1.0, other)
+    h = _DIFFERENCE * problem.length
+    product = problem.gradient_at(problem.x + h * e)
+    product.axpy(-1.0, problem.gradient_at(problem.x - h * e))
     product.scale(1 / (2 * h))
     return product
 
@@ -185,8 +180,7 @@ class HessianSolver:
         """Return z for each right-hand side, or None if a solve does not converge."""
         solutions = []
         for vector in rhs:
-            z = vector.duplicate()
-            z.set(0.0)
+            z = vector_like(vector)
             self._ksp.solve(vector, z)
             self.iterations += self._ksp.getIterationNumber()
             if not self._ksp.getConvergedReason() > 0:

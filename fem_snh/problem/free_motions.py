@@ -12,18 +12,16 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
+from fem_snh.assembly.connected_parts import components, connected_parts
 from fem_snh.assembly.kinematics import Kinematics
-from fem_snh.assembly.unknowns import local_values, update_ghosts
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rotate
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.regime import components
 from fem_snh.records.run_record import Note
 from fem_snh.terms.term import Term
 
@@ -166,11 +164,8 @@ class Supports:
     def _forces(self, u: Array, terms: Sequence[Term]) -> Array:
         """Return the forces dE/du [N] of terms at a displacement, (owned nodes, components)."""
         problem = self._problem
-        x, f = problem.x.duplicate(), problem.x.duplicate()
-        x.set(0.0)
-        x.array[: u.size] = u.ravel()
-        problem.gradient(x, f, terms)
-        return np.array(f.array_r[: u.size]).reshape(u.shape)
+        f = problem.gradient_at(vector_like(problem.x, u.ravel()), terms)
+        return np.array(problem.nodal(f))
 
     def _stiffness(self, free: Array, terms: Sequence[Term]) -> Array:
         """Return the stiffness (n, n) of terms along motions, relative to E L; I if not finite."""
@@ -347,32 +342,16 @@ def _connected_parts(problem: Problem) -> tuple[Array, Array]:
 
     Nodes of a cell, and nodes of a rigid part, are connected.
     """
-    comm, V = problem.comm, problem.V
-    owned, ghosts = _dolfinx.num_nodes(V)
-    roots = components(_dolfinx.node_dofs(V), owned + ghosts)
-    local, labels = np.unique(roots, return_inverse=True)
-    first = comm.exscan(len(local)) or 0
-    # A ghost node has a label here and on its owner: they are of the same part.
-    vector = _dolfinx.create_vector(V)
-    components_of_node = _dolfinx.num_components(V)
-    vector.array.reshape(-1, components_of_node)[:, 0] = first + labels[:owned]
-    update_ghosts(vector)
-    there = local_values(vector).reshape(-1, components_of_node)[owned:, 0].astype(np.int64)
-    links = [np.stack([first + labels[owned:], there], axis=1)]
-    links = np.unique(np.concatenate(comm.allgather(np.concatenate(links))), axis=0)
-    count = comm.allreduce(len(local))
-    links = np.concatenate([links, np.repeat(np.arange(count), 2).reshape(-1, 2)])
-    if problem.rigid:
-        own = np.zeros((problem.rigid.number, count))
-        own[problem.rigid.labels, first + labels[problem.rigid.nodes]] = 1.0
-        for row in comm.allreduce(own, op=MPI.SUM):
-            together = np.flatnonzero(row)
-            links = np.concatenate(
-                [links, np.stack([0 * together + together[0], together], axis=1)]
-            )
-    joined = components(links, count)[first + labels[:owned]]
-    sizes = comm.allreduce(np.bincount(joined, minlength=count))
+    comm, rigid = problem.comm, problem.rigid
+    part, count = connected_parts(problem.V)
+    if rigid:
+        nodes = np.zeros((rigid.number, count))
+        np.add.at(nodes, (rigid.labels, part[rigid.nodes]), 1.0)
+        links = np.argwhere(comm.allreduce(nodes)) + np.array([count, 0])
+        part = components(links, count + rigid.number)[part]
+    part = part[: _dolfinx.num_nodes(problem.V)[0]]
+    sizes = comm.allreduce(np.bincount(part, minlength=count))
     order = np.argsort(-sizes, kind="stable")
     number = np.empty(count, np.int64)
     number[order] = np.arange(count)
-    return number[joined], sizes[order][: int((sizes > 0).sum())]
+    return number[part], sizes[order][: int((sizes > 0).sum())]

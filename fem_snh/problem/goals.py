@@ -26,12 +26,8 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    copy_to_function,
-    set_to_zero,
-    writable_values,
-)
+from fem_snh._petsc import vector_like
+from fem_snh.assembly.unknowns import add_ghosts, copy_to_function, writable_values
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.problem.duals import Dual, Linearisation, dual_of_reaction
@@ -145,13 +141,6 @@ def vector_of(name: str) -> str:
     return rest if last in AXES else name
 
 
-def _zero_vector(problem: Problem) -> PETSc.Vec:
-    """Return a ghosted vector of the displacement's space."""
-    vector = _dolfinx.create_vector(problem.V)
-    set_to_zero(vector)
-    return vector
-
-
 class VectorGoal(Goal):
     """Components of a vector.
 
@@ -218,7 +207,7 @@ class PointGoal(WeightedGoal):
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         probes, weights = Probes(problem.u, [self]), []
         for i in self._components:
-            vector = _zero_vector(problem)
+            vector = _dolfinx.create_vector(problem.V)
             nodal = writable_values(vector).reshape(-1, problem.kinematics.components)
             for nodes, basis in probes.weights():
                 nodal[nodes, i] += basis
@@ -308,9 +297,7 @@ class ReactionGoal(VectorGoal):
         else:
             positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
             virtual = virtual_rotation(kinematics, positions, i, self._about)
-        e, turning = problem.x.duplicate(), None
-        e.set(0.0)
-        e.array[: shape[0] * shape[1]] = weighted(weights, virtual).ravel()
+        e, turning = vector_like(problem.x, weighted(weights, virtual).ravel()), None
         if self._about is not None and problem.rigid and not kinematics.revolved:
             turning = _turning(problem, weights, np.eye(3)[i])
         return dual_of_reaction(at, e, turning)
@@ -319,11 +306,8 @@ class ReactionGoal(VectorGoal):
 def _turning(problem: Problem, weights: Array, axis: Array) -> PETSc.Vec:
     """Return the derivative of a moment by the positions of rigid parts' nodes: f x axis."""
     assert problem.rigid is not None
-    forces, found = problem.x.duplicate(), problem.x.duplicate()
-    problem.gradient(problem.x, forces)
-    found.set(0.0)
-    dofs = problem.rigid.dofs
-    f = weighted(weights[problem.rigid.nodes], forces.array_r[dofs])
+    found, dofs = vector_like(problem.x), problem.rigid.dofs
+    f = weighted(weights[problem.rigid.nodes], problem.gradient_at(problem.x).array_r[dofs])
     found.array[dofs] = np.cross(problem.kinematics.padded(f), axis)[:, : dofs.shape[1]]
     return found
 
@@ -618,7 +602,7 @@ class TermGoal(Goal):
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""
-        problem, derivative = at.problem, _zero_vector(at.problem)
+        problem, derivative = at.problem, _dolfinx.create_vector(at.problem.V)
         u = problem.split(problem.x)[0]
         component = self._components[number]
         self._term(problem).add_goal_derivative(self._name, component, u, derivative)
@@ -633,7 +617,7 @@ class TermGoal(Goal):
         term = self._term(problem)
         if not isinstance(term, ForceTerm):
             return None
-        forces = _zero_vector(problem)
+        forces = _dolfinx.create_vector(problem.V)
         term.add_nodal_forces(self._name, problem.split(x)[0], forces)
         add_ghosts(forces)
         parts = forces.array.reshape(-1, problem.kinematics.components)
@@ -698,7 +682,5 @@ class RigidGoal(VectorGoal):
         turned = self.kind == "moment"
         e, turning = rigid.velocity(x, self._part, np.eye(6)[number + 3 * turned]), None
         if turned:  # the arms turn with the part
-            forces = x.duplicate()
-            problem.gradient(x, forces)
-            turning = rigid.derivative_of_arms(x, self._part, forces, number)
+            turning = rigid.derivative_of_arms(x, self._part, problem.gradient_at(x), number)
         return dual_of_reaction(at, e, turning)

@@ -34,6 +34,7 @@ from fem_snh.assembly.regions import regions_with
 from fem_snh.assembly.unknowns import copy_to_function, ghosted
 from fem_snh.cache import Stopwatch, untimed
 from fem_snh.errors import BadInput, bad_value, check_number, check_whole
+from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.problem.problem import Problem, check_converged
 from fem_snh.solver import PREFIX as SOLVER_PREFIX
 from fem_snh.solver.stability import no_energy
@@ -145,7 +146,8 @@ class Eigenproblem:
         """Return the number of eigenvalues below ``bound``."""
         ksp = PETSc.KSP().create(self._comm)
         ksp.setOperators(self._shifted(bound))
-        pc = _use_factors(ksp)
+        set_direct_solver(ksp)
+        pc = ksp.getPC()
         pc.setFactorSetUpSolverType()
         factors = pc.getFactorMatrix()
         factors.setMumpsIcntl(13, 1)  # root front on one rank, else its inertia is not counted
@@ -179,7 +181,7 @@ class Eigenproblem:
         st = eps.getST()
         st.setType(SLEPc.ST.Type.SINVERT)
         st.setShift(shift)
-        _use_factors(st.getKSP())
+        set_direct_solver(st.getKSP())
         eps.setFromOptions()
         eps.solve()
         converged = eps.getConverged()
@@ -223,15 +225,6 @@ class Eigenproblem:
         x.scale(sign * factor)
         copy_to_function(ghosted(problem.V, x.array_r), shape)
         return shape
-
-
-def _use_factors(ksp: PETSc.KSP) -> PETSc.PC:
-    """Make ``ksp`` solve by MUMPS' factors L D L^T; return its preconditioner."""
-    ksp.setType(PETSc.KSP.Type.PREONLY)
-    pc = ksp.getPC()
-    pc.setType(PETSc.PC.Type.CHOLESKY)
-    pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-    return pc
 
 
 def _free_basis(problem: Problem) -> PETSc.Mat:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh._petsc import aij_blocks
+from fem_snh._petsc import aij_blocks, vector_like
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
@@ -247,13 +247,11 @@ class Problem:
         finite = any(isfinite(part.region.material.lame[1]) for part in self.elastic.parts)
         if self.saddle_point is None or finite:
             return False
-        x, r, other = (self.x.duplicate() for _ in range(3))
-        x.set(0.0)
+        x = vector_like(self.x)
         with self.kept_fields():
-            self.gradient(x, r, [self.elastic])
+            r = self.gradient_at(x, [self.elastic])
             self.saddle_point.pressure_dofs(x)[:] = 1.0
-            self.gradient(x, other, [self.elastic])
-        forces = other - r
+            forces = self.gradient_at(x, [self.elastic]) - r
         self.saddle_point.pressure_dofs(forces)[:] = 0.0
         whole = forces.norm()
         if self.rigid:
@@ -329,11 +327,8 @@ class Problem:
         nodes, where contact acts, and everywhere if the body is at rest without forces. If an
         energy is a UFL form, which rounds F = I + H, m is larger by the size of a cell. Collective.
         """
-        sizes, positions = self.x.duplicate(), self.x.duplicate()
-        positions.set(0.0)
         X = np.abs(self.coordinates[:, : self._unknowns.components])
-        positions.array[: self.owned_displacements] = X.ravel()
-        sizes.array[:] = np.abs(x.array_r)
+        sizes, positions = vector_like(x, np.abs(x.array_r)), vector_like(x, X.ravel())
         whole = sizes + positions
         extents = [term.extent for term in self.terms]
         whole.shift(max([*extents, self.length]))
@@ -494,6 +489,12 @@ class Problem:
             for term in self.terms if terms is None else terms:
                 term.add_residual(u, p, r_u, r_p)
 
+    def gradient_at(self, x: PETSc.Vec, terms: Sequence[Term] | None = None) -> PETSc.Vec:
+        """Return a new vector with the forces dE/dx [N] of `gradient`. Collective."""
+        forces = self.x.duplicate()
+        self.gradient(x, forces, terms)
+        return forces
+
     @timed
     def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
         """Fill ``A`` with the Hessian d2E/dx2 [N/m], and set `asymmetric`. Collective.
@@ -517,8 +518,7 @@ class Problem:
             term.symmetric = not whole
         u, p = self.split(x)
         if self.rigid or self._rank_one:
-            force = self.x.duplicate()
-            self.gradient(x, force)
+            force = self.gradient_at(x)
             if self._rank_one:
                 reduce = partial(self.rigid.reduce_vector, x) if self.rigid else None
                 self._rank_one.update(u, force, reduce)
@@ -549,17 +549,13 @@ class Problem:
         """Return the forces and moments of `Reactions.sums` at ``x``; {} without. Collective."""
         if self._reactions is None:
             return {}
-        r = self.x.duplicate()
-        self.gradient(x, r)
-        return self._reactions.sums(x.array_r, r.array_r)
+        return self._reactions.sums(x.array_r, self.gradient_at(x).array_r)
 
     def rigid_states(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
         """Return `RigidParts.states`: poses, forces and moments by part. Collective."""
         if self.rigid is None:
             return {}
-        r = self.x.duplicate()
-        self.gradient(x, r)
-        return self.rigid.states(x, r)
+        return self.rigid.states(x, self.gradient_at(x))
 
     def cell_fields(self, x: PETSc.Vec) -> dict[str, Array]:
         """Return fields with one value for each cell that this rank owns, (cells,). Collective.

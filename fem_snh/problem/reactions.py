@@ -235,13 +235,9 @@ def reaction(problem: Problem, weights: Array, about: Sequence[float] | Array = 
     about : (3,) sequence of float, optional
         The point of the moment [m].
     """
-    gradient = problem.x.duplicate()
-    problem.gradient(problem.x, gradient)
-    kinematics = problem.kinematics
-    size = len(weights) * kinematics.components
-    nodal = gradient.array_r[:size].reshape(-1, kinematics.components)
+    kinematics, nodal = problem.kinematics, problem.nodal(problem.gradient_at(problem.x))
     forces = kinematics.padded(weighted(weights, nodal))
-    positions = problem.coordinates + kinematics.padded(problem.x.array_r[:size])
+    positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
     local = [forces.sum(axis=0), moment(kinematics, positions, forces, np.array(about))]
     return np.asarray(problem.comm.allreduce(np.array(local)))
 

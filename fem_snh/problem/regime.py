@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
+from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.regions import Region
 from fem_snh.errors import bad_value
@@ -193,15 +195,12 @@ def _curvature(problem: Problem, gradient: Array) -> float:
 
     G is ``gradient``, (components, 3).
     """
-    force, moved = problem.x.duplicate(), problem.x.duplicate()
-    moved.set(0.0)
-    moved.array[: problem.owned_displacements] = (problem.coordinates @ gradient.T).ravel()
+    moved = vector_like(problem.x, (problem.coordinates @ gradient.T).ravel())
     works = []
     for sign in (1, -1):
         state = problem.x.copy()
         state.axpy(sign * _STRAIN, moved)
-        problem.gradient(state, force)
-        works.append(float(force.dot(moved)))
+        works.append(float(problem.gradient_at(state).dot(moved)))
     volume = problem.length**problem.kinematics.volume_dimension
     return (works[0] - works[1]) / (2 * _STRAIN * volume)
 
@@ -261,23 +260,15 @@ class StiffParts:
         stiff = [r for r, mu in zip(regions, shear, strict=True) if mu >= _STIFF * min(shear)]
         if not stiff or _dolfinx.mesh_dimension(V.mesh)[0] != 3:
             return None
-        cells = np.concatenate([region.cells for region in stiff])
-        to_global = _dolfinx.local_to_global(V)
-        nodes = to_global[_dolfinx.node_dofs(V)[cells]]
-        owned = to_global[: len(excluded)]
-        every, of = np.unique(np.concatenate(comm.allgather(nodes)), return_inverse=True)
-        roots = components(of.reshape(-1, nodes.shape[1]), len(every))
-        others = np.concatenate(comm.allgather(owned[excluded]))
-        free = np.setdiff1d(roots, roots[np.isin(every, others)])
-        labels = np.full(len(excluded), -1)
-        at = np.minimum(np.searchsorted(every, owned), len(every) - 1)
-        part = np.minimum(np.searchsorted(free, roots[at]), max(0, len(free) - 1))
-        if not len(free):
+        part, count = connected_parts(V, np.concatenate([region.cells for region in stiff]))
+        part = part[: len(excluded)]
+        held = comm.allreduce(np.bincount(part[excluded & (part >= 0)], minlength=count)) > 0
+        if held.all():
             return None
-        inside = (every[at] == owned) & (free[part] == roots[at])
-        labels[inside] = part[inside]
+        number = np.where(held, -1, np.cumsum(~held) - 1)
+        labels = np.append(number, -1)[part]
         X = V.tabulate_dof_coordinates()[: len(excluded)]
-        return cls(comm, X, labels, len(free), fixed)
+        return cls(comm, X, labels, int((~held).sum()), fixed)
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
         """Set ``end`` to x + step d, with finite rotations of the stiff parts. Collective."""
@@ -321,24 +312,6 @@ class StiffParts:
         sums = np.zeros((self._count, values.shape[1]))
         np.add.at(sums, self._labels, self._weights * values)
         return np.asarray(self._comm.allreduce(sums))
-
-
-def components(cells: Array, count: int) -> Array:
-    """Return the smallest node that each of ``count`` nodes is connected to by ``cells``."""
-    roots = np.arange(count)
-    if not cells.size:
-        return roots
-    order = np.argsort(cells, axis=None, kind="stable")
-    sorted_nodes, cell_of = cells.ravel()[order], order // cells.shape[1]
-    starts = np.flatnonzero(np.diff(sorted_nodes, prepend=-1))
-    nodes = sorted_nodes[starts]
-    while True:
-        smallest = roots[cells].min(axis=1)[cell_of]
-        before = roots.copy()
-        roots[nodes] = np.minimum(roots[nodes], np.minimum.reduceat(smallest, starts))
-        roots = roots[roots]
-        if np.array_equal(roots, before):
-            return roots
 
 
 class Paths:

@@ -87,9 +87,7 @@ def thin_support_note(problem: Problem, step: int | None = None) -> Note | None:
     """
     if (thin := problem.dirichlet.thin_supports) is None:
         return None
-    forces = problem.x.duplicate()
-    problem.gradient(problem.x, forces)
-    held = forces.array_r[thin.dofs]
+    held = problem.gradient_at(problem.x).array_r[thin.dofs]
     force = float(np.sqrt(problem.comm.allreduce(float(held @ held), op=MPI.SUM)))
     if force <= _CARRIES * problem.largest_force(problem.x) or is_at_rest(problem):
         return None

@@ -22,7 +22,6 @@ from fem_snh.records.run_record import Note, Record
 from fem_snh.runs.result import Result
 from fem_snh.scenes.build import build, make_material, make_mesh
 from fem_snh.steps.cell_pressures import Condensation, choose_condensation, chosen_for_condensed
-from fem_snh.steps.poisson_continuation import PoissonContinuation
 from fem_snh.steps.stepping import Stepper, StepSolver
 
 if TYPE_CHECKING:
@@ -139,8 +138,11 @@ def set_up(
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     choices = scene.hessian, scene.globalization
     snes = solver.create(problem, *choices)
-    ratios = scene.nu_continuation
-    continuation = PoissonContinuation(ratios, at_ratio, *choices) if ratios else None
+    continuation = None
+    if scene.nu_continuation:
+        from fem_snh.steps.poisson_continuation import PoissonContinuation
+
+        continuation = PoissonContinuation(scene.nu_continuation, at_ratio, *choices)
     steps, every, bones = scene.steps, 1, None
     if scene.time:
         steps, every = scene.time.steps, scene.time.output_every

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import call, factors_out_of_memory, ffi, set_operators
+from fem_snh._petsc import call, factors_out_of_memory, ffi, set_operators, vector_like
 from fem_snh.errors import choose
 from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.linalg.ssor_cg import SSOR
@@ -99,9 +99,7 @@ class QuasiNewton:
             inverse.setUp()
             call("MatLMVMAllocate", inverse, start.x, start.residual)
             call("MatLMVMSetJ0PC", inverse, self._pc)
-            travelled = d.duplicate()
-            travelled.set(0.0)
-            self._memory = _Memory(inverse, start, d, travelled)
+            self._memory = _Memory(inverse, start, d, vector_like(d))
         return self._memory
 
 

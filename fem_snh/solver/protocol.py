@@ -194,6 +194,9 @@ class SolvableProblem(Protocol):
     def coordinates(self) -> Array:
         """Return the reference coordinates [m] of the nodes that this rank owns, (n, 3)."""
 
+    def nodal(self, x: PETSc.Vec) -> Array:
+        """Return a read-only view of the displacement in ``x``, (owned nodes, components) [m]."""
+
     def energy(self, x: PETSc.Vec) -> float:
         """Return the energy [J]; +inf outside the material's domain. Collective."""
 

@@ -21,7 +21,13 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh._petsc import NEGATIVE_CURVATURE, factors_out_of_memory, negative_pivots, set_operators
+from fem_snh._petsc import (
+    NEGATIVE_CURVATURE,
+    factors_out_of_memory,
+    jacobi_cg,
+    negative_pivots,
+    set_operators,
+)
 from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.saddle_point import (
@@ -369,10 +375,5 @@ class SearchDirection:
     @cached_property
     def _double_precision(self) -> PETSc.KSP:
         """Return PETSc's CG with Jacobi, with the tolerances of the SNES's linear solver."""
-        linear_solver = self.snes.getKSP()
-        ksp = PETSc.KSP().create(linear_solver.comm)
-        ksp.setType(PETSc.KSP.Type.CG)
-        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-        rtol, atol, _, max_it = linear_solver.getTolerances()
-        ksp.setTolerances(rtol=rtol, atol=atol, max_it=max_it)
-        return ksp
+        rtol, atol, _, max_it = self.snes.getKSP().getTolerances()
+        return jacobi_cg(self.snes.getKSP().comm, rtol=rtol, atol=atol, max_it=max_it)

@@ -30,7 +30,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh._petsc import set_operators
+from fem_snh._petsc import set_operators, vector_like
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import SymmetricFactors
 from fem_snh.linalg.ssor_cg import context_of
@@ -216,21 +216,20 @@ class EquilibriumStability:
 
     def _free_rotations(self, x: PETSc.Vec) -> list[PETSc.Vec]:
         r"""Return the rotations :math:`\omega \times x` that nothing constrains. Collective."""
-        problem, size, found = self._problem, self._problem.regime.dimension, []
-        points = x.array_r[: size * len(problem.coordinates)].reshape(-1, size)
-        points = points + problem.coordinates[:, :size]
+        problem, u, found = self._problem, self._problem.nodal(x), []
+        size = u.shape[1]
+        points = u + problem.coordinates[:, :size]
         points -= self._centre(points)
-        w, projected = x.duplicate(), x.duplicate()
+        projected = x.duplicate()
         for i, j in combinations(range(size), 2):
             rotation = np.zeros_like(points)
             rotation[:, i], rotation[:, j] = -points[:, j], points[:, i]
-            w.set(0.0)
-            w.array[: rotation.size] = rotation.ravel()
+            w = vector_like(x, rotation.ravel())
             w.copy(projected)
             problem.project(projected.array)
             projected.axpy(-1.0, w)
             if projected.norm() <= _ZERO * w.norm():
-                found.append(w.copy())
+                found.append(w)
         return found
 
     def _of_rotations(self, x: PETSc.Vec, free: Sequence[PETSc.Vec], diagonal: PETSc.Vec) -> float:
@@ -396,12 +395,10 @@ def _function_of_coordinates(
     problem: SolvableProblem, frequency: float, function: Callable[[Array], Array]
 ) -> PETSc.Vec:
     """Return displacements: ``function`` of the phases of three waves, zero where constrained."""
-    vector = problem.x.duplicate()
-    vector.set(0.0)
     points, primes = problem.coordinates / problem.length, np.array(_PRIMES)
     # Irrational wave numbers and phases: no plane of symmetry of a body maps it to itself.
     phases = points @ np.sqrt(frequency * primes[:9].reshape(3, 3)) + np.sqrt(primes[9:])
-    values = function(phases)[:, : problem.regime.dimension]
-    vector.array[: values.size] = values.ravel()
+    values = function(phases)[:, : problem.nodal(problem.x).shape[1]]
+    vector = vector_like(problem.x, values.ravel())
     problem.project(vector.array)
     return vector

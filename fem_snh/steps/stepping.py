@@ -21,11 +21,11 @@ from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.stability import negative_eigenvalues
 from fem_snh.steps.cell_pressures import CellPressures
 from fem_snh.steps.jump_detection import BEYOND_LIMIT, Finding, JumpDetector
-from fem_snh.steps.poisson_continuation import PoissonContinuation
 
 if TYPE_CHECKING:
     from fem_snh.problem.bones import BoneRecords
     from fem_snh.steps.dynamics.dynamics import Dynamics
+    from fem_snh.steps.poisson_continuation import PoissonContinuation
     from fem_snh.steps.rescue import Rescue
 
 

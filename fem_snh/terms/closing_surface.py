@@ -422,7 +422,6 @@ def edge_of(V: _dolfinx.FunctionSpace, facets: Array, dirichlet: Dirichlet, dim:
     ]
     for load in _LOADS:
         u = _dolfinx.create_vector(V)
-        u.set(0.0)
         dirichlet.set_values(u, load)
         columns.append(u.array_r.reshape(owned, components)[:, :dim])
     table = _gather(V, np.hstack(columns), numbers)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.unknowns import with_ghosts
+from fem_snh.assembly.unknowns import numbers_with_ghosts
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.shapes import Shape, deepest
 from fem_snh.mesh.mesh import centroid
@@ -47,7 +47,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict
         On every rank, for a node of two groups, a part without nodes, an infinite shape without the
         key ``about`` or a joint, a shape in a lattice, and a file that cannot be read.
     """
-    V, comm, columns = body.V, body.domain.comm, body.kinematics.components
+    V, comm = body.V, body.domain.comm
     X = V.tabulate_dof_coordinates()[: _dolfinx.num_nodes(V)[0]]
     middles, depths = np.zeros((len(parts), 3)), np.full((len(parts), len(X)), -inf)
     shapes: dict[int, Shape] = {}
@@ -69,8 +69,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array, dict
     for i, part in enumerate(parts):
         if not comm.allreduce(int(np.count_nonzero(numbers == i))):
             raise bad_value(part.where, part.label, "a part with nodes of the body")
-    local = with_ghosts(V, np.repeat(numbers, columns)).reshape(-1, columns)[:, 0]
-    return local.astype(int), middles, shapes
+    return numbers_with_ghosts(V, numbers), middles, shapes
 
 
 def _solid(part: Rigid, body: Body) -> Shape:

@@ -30,6 +30,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
 from fem_snh.assembly.elimination import Elimination
@@ -41,6 +42,7 @@ from fem_snh.assembly.unknowns import (
     nodes_of_other_cells,
     set_to_zero,
     update_ghosts,
+    with_ghosts,
     writable_values,
 )
 from fem_snh.errors import bad_value
@@ -445,8 +447,7 @@ class RigidParts(Term):
         ``twist`` (6,) is (v, omega) in fixed axes: the velocity of the part's point and the angular
         velocity.
         """
-        found, basis = x.duplicate(), self._basis(self.poses(x))
-        found.set(0.0)
+        found, basis = vector_like(x), self._basis(self.poses(x))
         own = self.labels == self.names.index(part)
         found.array[self.dofs[own]] = basis[own] @ twist
         return found
@@ -562,9 +563,7 @@ class RigidParts(Term):
 
     def expand(self, x: PETSc.Vec, values: Array) -> None:
         """Replace unknowns in ``values`` (owned dofs,) by nodal displacements. Collective."""
-        d = x.duplicate()
-        d.array[: len(values)] = values
-        poses = self.poses(x)
+        poses, d = self.poses(x), vector_like(x, values)
         twists = (self.tree.jacobian(poses) @ self._unknowns(d)).reshape(-1, UNKNOWNS)
         moved = np.einsum("nik,nk->ni", self._basis(poses), twists[self.labels])
         values[self.dofs] = moved
@@ -574,11 +573,9 @@ class RigidParts(Term):
 
         ``nodal`` (nodes, components) has the values of this rank's own nodes.
         """
-        vector = _dolfinx.create_vector(self._V)
-        writable_values(vector)[:] = values
-        vector.array[self.dofs] = nodal
-        update_ghosts(vector)
-        values[:] = local_values(vector)
+        values[self.dofs] = nodal
+        owned = self._kinematics.components * _dolfinx.num_nodes(self._V)[0]
+        values[:] = with_ghosts(self._V, values[:owned])
 
     def make_rigid(
         self, x: PETSc.Vec, mass: NodalMass, step: float, v: Array, a: Array | None = None

@@ -9,12 +9,14 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from dolfinx_programs import tagged_measure, unit_cube, vector_space
+from plane_programs import COMPONENTS, clamped
 from running import solve
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import fem_snh
 from fem_snh.linalg.direct_solver import SymmetricFactors
+from fem_snh.solver.stability import EquilibriumStability, noise
 
 mpi = pytest.mark.mpi
 noted = pytest.mark.filterwarnings("ignore::fem_snh.errors.ResultNote")
@@ -37,6 +39,21 @@ def indefinite(comm, size=60, negative=4):
         A.setValues([i], range(size), array[i])
     A.assemble()
     return A, array
+
+
+@pytest.mark.one_debian("ranks")
+@mpi
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_irregular_displacements_and_rotations_of_a_plane_mesh(comm, kinematics):
+    """Displacements move all free components of all nodes; a rotation about the axis is found."""
+    problem = clamped(comm, kinematics, hold=False)
+    moved = problem.nodal(noise(problem))
+    assert moved.shape[1] == COMPONENTS[kinematics] and np.abs(moved).min() > 1e-5
+    r = problem.coordinates[:, 0] - comm.allreduce(problem.coordinates[:, 0].sum()) / 25
+    rotations = EquilibriumStability(problem)._free_rotations(problem.x)
+    found = [problem.nodal(w) for w in rotations]
+    if kinematics == "axisymmetric_torsion":
+        assert comm.allreduce(any(np.allclose(w[:, 2], r) and not w[:, 1].any() for w in found))
 
 
 @pytest.mark.one_debian("ranks")

@@ -9,9 +9,10 @@ from polynomials import ELEMENTS
 from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.contact.closest_points import PseudoNormals
 from fem_snh.contact.gathered_surface import embedded_surface
-from fem_snh.contact.samples import DeformedCells, Neighbourhood, body_numbers
+from fem_snh.contact.samples import DeformedCells, Neighbourhood
 from fem_snh.contact.triangle_search import ReferenceSurface, approaching
 from fem_snh.mesh import mesh
 
@@ -108,7 +109,7 @@ def test_neighbours_and_bodies(comm, cell, degree):
     apart = np.linalg.norm(middles[triangle] - (low + high)[local] / 2, axis=1)
     assert not shares[apart > 0.8].any()
 
-    numbers = body_numbers(V)
+    numbers, _ = connected_parts(V)
     upper = X[:, 2] > 1.25
     both = [set(np.concatenate(comm.allgather(numbers[part]))) for part in (upper, ~upper)]
     assert len(both[0]) == len(both[1]) == 1 and both[0] != both[1]

@@ -128,8 +128,7 @@ class FieldValues:
         It is dE/du in constrained directions and 0 in free ones.
         """
         problem = self._problem
-        r = problem.x.duplicate()
-        problem.gradient(problem.x, r)
+        r = problem.gradient_at(problem.x)
         free, force = r.copy(), _dolfinx.create_vector(problem.V)
         problem.project(free.array)
         force.array[:] = (r - free).array_r[: problem.owned_displacements]

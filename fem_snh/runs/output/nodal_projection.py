@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import jacobi_cg
+from fem_snh.assembly.unknowns import add_ghosts, writable_values
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[np.float64]
@@ -58,11 +58,8 @@ class NodalProjection:
         form = _dolfinx.form(ufl.TrialFunction(Q) * ufl.TestFunction(Q) * ufl.dx)
         mass = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(mass, form)
-        self._ksp = PETSc.KSP().create(problem.comm)
+        self._ksp = jacobi_cg(problem.comm, rtol=_TOLERANCE)
         self._ksp.setOperators(mass)
-        self._ksp.setType(PETSc.KSP.Type.CG)
-        self._ksp.pc.setType(PETSc.PC.Type.JACOBI)
-        self._ksp.setTolerances(rtol=_TOLERANCE)
 
     def project(
         self, fields: Mapping[str, Array], symmetric: Collection[str] = ()
@@ -97,9 +94,8 @@ class NodalProjection:
         """Return the projection of a scalar, (cells, points), at the nodes."""
         integrals = (self._weights * values) @ self._basis
         sums = np.bincount(self._vertices, integrals.ravel(), len(self._f.x.array))
-        with self._load.localForm() as local:
-            local.array[:] = sums
-        self._load.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        writable_values(self._load)[:] = sums
+        add_ghosts(self._load)
         solution = _dolfinx.petsc_vec(self._f)
         self._ksp.solve(self._load, solution)
         if self._ksp.reason <= 0:

@@ -169,7 +169,7 @@ class Dynamics:
         if self._rigid:
             turning = self._rigid.make_rigid(problem.x, self.mass, -_START, v)
             motion.a[self._rigid.dofs] = turning
-            self._balance.update_ghosts(motion.a)
+            motion.a[:] = with_ghosts(problem.V, motion.a[: self.mass.num_owned])
         balance = self._balance
         balance.update_stiffness(problem, v, 0.0)
         self._damping = balance.damping_forces(v) + balance.start_volume_damping(v)

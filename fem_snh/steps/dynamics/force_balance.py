@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import vector_like
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.unknowns import (
     add_ghosts,
@@ -21,6 +22,7 @@ from fem_snh.assembly.unknowns import (
     update_ghosts,
     writable_values,
 )
+from fem_snh.geometry.rotations import skew
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping
@@ -196,11 +198,9 @@ class ForceBalance:
 
         Default: all terms but inertia and damping.
         """
-        r = problem.x.duplicate()
         if terms is None:
             terms = [t for t in problem.terms if t not in self.terms]
-        problem.gradient(problem.x, r, terms)
-        return np.array(r.array_r[: self._mass.num_owned])
+        return np.array(problem.gradient_at(problem.x, terms).array_r[: self._mass.num_owned])
 
     def smooth_forces(self, problem: Problem) -> Array:
         """Return `other_forces` without the terms that have mean forces. Collective."""
@@ -246,8 +246,7 @@ class ForceBalance:
         """
         force, rigid = -forces - self.inertial_forces(prescribed), problem.rigid
         if rigid:
-            nodal = problem.x.duplicate()
-            nodal.array[: len(force)] = force
+            nodal = vector_like(problem.x, force)
             rigid.reduce_vector(problem.x, nodal)
             force = nodal.array_r[: len(force)].copy()
             rigid.prepare_mass(problem.x)
@@ -257,13 +256,6 @@ class ForceBalance:
             rigid.expand(problem.x, found.array)
         update_ghosts(found)
         return prescribed + local_values(found)
-
-    def update_ghosts(self, values: Array) -> None:
-        """Update the ghosts of ``values`` (local dofs,) from their owners, in place. Collective."""
-        vector = _dolfinx.create_vector(self._V)
-        writable_values(vector)[:] = values
-        update_ghosts(vector)
-        values[:] = local_values(vector)
 
     def _summed(self, local: Array) -> Array:
         """Return nodal forces (local dofs,) summed over the ranks, (owned dofs,). Collective."""
@@ -318,8 +310,6 @@ def cell_rotations(x: Array, v: Array, time: float, revolved: bool = False) -> A
         moment = np.cross(r, v).sum(axis=1)[..., None]
         w = np.linalg.solve(inertia * (1 + _SMALLEST) - squares, moment)[..., 0]
     half = time / 2 * w
-    skew = np.zeros((len(half), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        skew[:, j, i], skew[:, i, j] = half[:, k], -half[:, k]
+    W = skew(half)
     factor = 2 / (1 + (half**2).sum(axis=1))[:, None, None]
-    return np.asarray(np.eye(3) + factor * (skew + skew @ skew))
+    return np.asarray(np.eye(3) + factor * (W + W @ W))

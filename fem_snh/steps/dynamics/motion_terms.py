@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh._petsc import jacobi_cg
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.nodal_mass import NodalMass, StoredMatrix
 from fem_snh.assembly.unknowns import local_values, writable_values
@@ -226,16 +227,13 @@ class VolumeRates:
     """
 
     def __init__(self, B: PETSc.Mat, C: PETSc.Mat) -> None:
-        self._B, self._ksp = B, PETSc.KSP().create(C.comm)
+        self._B, self._ksp = B, jacobi_cg(C.comm, rtol=_RTOL, atol=0.0)
         diagonal = C.getDiagonal()
         #: Which owned pressures have a compliance: all but those of incompressible cells alone.
         self.compliant = diagonal.array_r > _INCOMPRESSIBLE * diagonal.max()[1]
         diagonal.array[~self.compliant] = 1.0
         C.setDiagonal(diagonal)
         self._ksp.setOperators(C)
-        self._ksp.setType("cg")
-        self._ksp.getPC().setType("jacobi")
-        self._ksp.setTolerances(rtol=_RTOL, atol=0.0)
 
     @classmethod
     def of(cls, A: PETSc.Mat, num_u: int) -> VolumeRates | None:
