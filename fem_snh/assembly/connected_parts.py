@@ -16,8 +16,8 @@ Array = npt.NDArray[Any]
 def connected_parts(V: FunctionSpace, cells: Array | slice = slice(None)) -> tuple[Array, int]:
     """Return the part of each local node, (local nodes,) int, and the number of parts. Collective.
 
-    Parts are numbered from 0, the same on all ranks; -1 is for nodes of none of the cells. Only
-    nodes that several ranks share are sent.
+    Cells that share a node belong to one part. A part has the same number, from 0, on all ranks;
+    nodes of no chosen cell on any rank get -1. Ranks exchange the labels of shared nodes only.
 
     Parameters
     ----------

@@ -85,6 +85,12 @@ class Kinematics:
         return True, True, not flat, not flat, not flat, True
 
     @property
+    def rotations(self) -> list[tuple[int, int]]:
+        """The two components that each rigid rotation mixes, by axis in the order x, y, z."""
+        pairs = zip(((1, 2), (2, 0), (0, 1)), self.rigid_motions[3:], strict=True)
+        return [pair for pair, exists in pairs if exists]
+
+    @property
     def definitions(self) -> list[str]:
         """The C definitions that kinematics.h reads."""
         kind = "REVOLVED" if self.revolved else "PLANE" if self.dim == 2 else "SOLID"

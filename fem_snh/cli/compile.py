@@ -11,6 +11,7 @@ import fem_snh
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.cli import start_petsc
 from fem_snh.cli.options import Parser
+from fem_snh.errors import choose
 from fem_snh.kernels.material import material, supports
 from fem_snh.materials.parameters import variants
 from fem_snh.materials.registry import function, names
@@ -24,7 +25,7 @@ _RATIOS, _OTHER_VARIANT = (0.49, 0.5), 0.3
 
 def compile_parser() -> Parser:
     """Return the parser of ``fem-snh compile``."""
-    parser = Parser("compile", "Compile kernels in three dimensions, so that no run has to.")
+    parser = Parser("compile", "Compile the kernels of solids before a run needs them.")
     parser.add(
         """
         names NAME  materials; default: all
@@ -37,22 +38,30 @@ def compile_parser() -> Parser:
 
 
 def compile(argv: list[str]) -> int:
-    """Compile the kernels of materials on the elements that support them; return 0."""
+    """Compile the kernels of materials on the elements that support them; return 0. Collective.
+
+    Ranks share the materials.
+    """
     args = compile_parser().parse(argv)
+    elements = [choose("element", each.strip(), ELEMENTS) for each in args.elements.split(",")]
+    functions = {name: function(name) for name in args.names}
     start_petsc()
+    from mpi4py import MPI
+
     from fem_snh.assembly.cell_loops import compile_cell_loops  # imports dolfinx
 
     tables = {}
-    for element in args.elements.split(","):
+    for element in elements:
         for nu in _SOLVED:
             run = fem_snh.run("twist", element=element, nu=nu, cells=2, progress=False)
             found = run.problem.elastic.parts[0].loops.tables
             tables[element, found.volume] = found
-    for name in args.names:
-        for nu in (*_RATIOS, *([_OTHER_VARIANT] if variants(function(name)) else [])):
+    for name in args.names[MPI.COMM_WORLD.rank :: MPI.COMM_WORLD.size]:
+        for nu in (*_RATIOS, *([_OTHER_VARIANT] if variants(functions[name]) else [])):
             made = material(name, 1.0, nu)
             for each in tables.values():
                 if supports(made, each.volume):
                     compile_cell_loops(made, each)
-    print(f"compiled on {args.elements}: {', '.join(args.names)}")
+    if MPI.COMM_WORLD.rank == 0:
+        print(f"compiled on {', '.join(elements)}: {', '.join(args.names)}")
     return 0

@@ -601,6 +601,11 @@ class Problem:
         """Return the measures of the body at ``x`` that `body_measures` describes. Collective."""
         return body_measures(self.comm, self.cell_fields(x), self.nodal(x), self._parts)
 
+    @property
+    def rotations(self) -> list[tuple[int, int]]:
+        """The two components that each rigid rotation of the body mixes."""
+        return self.kinematics.rotations
+
     def nodal(self, x: PETSc.Vec) -> Array:
         """Return a read-only view of the displacement in ``x``, (owned nodes, components) [m]."""
         values: Array = x.array_r[: self.owned_displacements]

@@ -40,7 +40,7 @@ from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of
 from fem_snh.problem.duals import HessianSolver, Linearisation
 from fem_snh.problem.goals import Goal, bind_all
 from fem_snh.records.run_record import Record
-from fem_snh.runs.scene_goals import named_goals, restore
+from fem_snh.runs.scene_goals import named_goals
 from fem_snh.runs.scene_options import scene_options
 from fem_snh.runs.setup import Setup, define_scene, set_up
 from fem_snh.studies.fit.data import WITH_A_SQUARE, is_safe_to_square, read_cells
@@ -573,7 +573,9 @@ class InverseProblem:
             problem = definition.problem(u=u)
             gradient, evaluate = problem.x.duplicate(), bind_all(goals, problem)
             for total, state in zip(sums, states, strict=True):
-                restore(problem, state.load, state.x)
+                problem.set_load(state.load)
+                state.x.copy(problem.x)
+                problem.history.begin_step(problem.split(problem.x)[0])
                 problem.gradient(problem.x, gradient)
                 values = np.where(state.are_reactions, 0.0, evaluate()[state.measured])
                 values -= [dual.dot(gradient) for dual in state.duals]

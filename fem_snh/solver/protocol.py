@@ -194,6 +194,10 @@ class SolvableProblem(Protocol):
     def coordinates(self) -> Array:
         """Return the reference coordinates [m] of the nodes that this rank owns, (n, 3)."""
 
+    @property
+    def rotations(self) -> Sequence[tuple[int, int]]:
+        """Return the two components that each rigid rotation of the body mixes."""
+
     def nodal(self, x: PETSc.Vec) -> Array:
         """Return a read-only view of the displacement in ``x``, (owned nodes, components) [m]."""
 

@@ -22,7 +22,6 @@ finds the eigenvalues of S next to zero on either side.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 from math import isfinite, sqrt
 
 from petsc4py import PETSc
@@ -219,9 +218,10 @@ class EquilibriumStability:
         problem, u, found = self._problem, self._problem.nodal(x), []
         size = u.shape[1]
         points = u + problem.coordinates[:, :size]
-        points -= self._centre(points)
+        if size == problem.regime.dimension:  # else about the axis of a body of revolution
+            points -= self._centre(points)
         projected = x.duplicate()
-        for i, j in combinations(range(size), 2):
+        for i, j in problem.rotations:
             rotation = np.zeros_like(points)
             rotation[:, i], rotation[:, j] = -points[:, j], points[:, i]
             w = vector_like(x, rotation.ravel())

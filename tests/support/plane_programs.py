@@ -69,12 +69,17 @@ def solve(u: Any, material: Any, bcs: Any, **keywords: Any) -> fem_snh.Nonlinear
     return problem
 
 
-def clamped(comm: Any, kinematics: str, cells: int = 4, hold: bool = True) -> Any:
-    """Return a `Problem` on [1, 2] x [0, 1], whose inner side may be held, with its Hessian."""
+def clamped(
+    comm: Any, kinematics: str, cells: int = 4, hold: bool = True, inner: float = 1.0
+) -> Any:
+    """Return a `Problem` on [1, 2] x [0, 1], whose inner side may be held, with its Hessian.
+
+    ``inner`` is the first coordinate of the inner side.
+    """
     element = "Q1"
-    domain = rectangle(comm, element, (1, 0), (2, 1), (cells, cells))
+    domain = rectangle(comm, element, (inner, 0), (inner + 1, 1), (cells, cells))
     u = displacement(domain, element, kinematics)
-    bcs = prescribe(u.function_space, 0, 1.0, zero) if hold else []
+    bcs = prescribe(u.function_space, 0, inner, zero) if hold else []
     snh = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
     made = fem_snh.NonlinearProblem(
         u, {snh: ufl.dx}, bcs=bcs, element=element, kinematics=kinematics
