@@ -28,8 +28,10 @@ _Reason = PETSc.KSP.ConvergedReason
 _MIN_DIAGONAL = 1e-5
 #: Eigenvalues of the scaled E below this are rounding errors of zero: rigid motions of a free body.
 _ZERO_EIGENVALUE = 1e-10
-#: Up to this many subdomains E is inverted.
-MAX_INVERTED = 64
+#: Up to this many subdomains E is inverted. With 64 subdomains the inverse takes 24 ms and the
+#: factors 5.5 ms, a solve 0.28 and 0.45 ms: a Newton step of the stretch on two ranks takes 212 and
+#: 194 ms; with 14 subdomains both take as long (docs/results/speed.md).
+MAX_INVERTED = 16
 
 
 class CoarseMatrix:

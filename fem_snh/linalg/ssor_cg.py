@@ -58,7 +58,6 @@ from fem_snh.linalg.block_matrix import (
     open_kernels,
     stored_in,
 )
-from fem_snh.linalg.coarse_matrix import MAX_INVERTED
 
 if TYPE_CHECKING:
     from fem_snh.linalg.deflation import BodyModes, Deflation
@@ -258,7 +257,8 @@ def _breakdown_reason(value: float) -> int:
 #: Default number of subdomains: one per 512 nodes up to 64 subdomains, then one per 1,000 nodes; no
 #: deflation below 4 subdomains, where the coarse solves cost as much as the iterations saved
 #: (docs/results/speed.md).
-_NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000, 4
+_NODES_PER_SUBDOMAIN, _MANY_SUBDOMAINS = 512, 64
+_NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 1000, 4
 #: In two dimensions, where coarse solves cost less: one subdomain per 64 nodes up to 16 subdomains,
 #: then one per 256 nodes up to 64 (docs/results/linear_solver.md).
 _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
@@ -500,7 +500,7 @@ def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
 def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
     """Return the number of deflation subdomains for ``nodes`` on all ranks, 0 for none."""
     many = ranks > _FEW_RANKS
-    subdomains, most = nodes // _NODES_PER_SUBDOMAIN, MAX_INVERTED
+    subdomains, most = nodes // _NODES_PER_SUBDOMAIN, _MANY_SUBDOMAINS
     if dim == 2:
         few = min(nodes // _NODES_OF_FEW, _FEW)
         subdomains = max(few, min(nodes // _NODES_OF_MANY, most))

@@ -1,11 +1,12 @@
 /* The functions of coarse_space_api.h. COLUMNS is BLOCK components times the four lanes of f4. */
 typedef double d4 __attribute__((vector_size(32), aligned(8)));
 
-/* acc[BLOCK][BLOCK] += scale * block * g: a block whose rows are `step` doubles apart, times a node's functions g. */
-static inline void add_block(d4 *acc, const double *block, long step, double scale, const float *g) {
+/* sum[BLOCK][BLOCK] += block * g: a block whose rows are `step` doubles apart, times a node's functions, times `scale`. */
+static inline __attribute__((always_inline)) void add_block(d4 *sum, const double *block, long step, double scale, const float *functions) {
+  d4 g[BLOCK];
+  for (int k = 0; k < BLOCK; k++) g[k] = scale * __builtin_convertvector(load4(functions + 4 * k), d4);
   for (int r = 0; r < BLOCK; r++)
-    for (int k = 0; k < BLOCK; k++)
-      acc[BLOCK * r + k] += block[step * r + k] * scale * __builtin_convertvector(load4(g + 4 * k), d4);
+    for (int k = 0; k < BLOCK; k++) sum[BLOCK * r + k] += block[step * r + k] * g[k];
 }
 
 /* The position of the pair (row, subdomain) among the pairs of the row. */
@@ -22,12 +23,19 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
     d4 acc[ENTRIES * pairs];
     memset(acc, 0, sizeof acc);
     const double *row = values + b->aij_offset[i];
+    d4 sum[ENTRIES];  /* of blocks whose columns are in one subdomain: in registers */
+    int pair = -1;
     for (int k = 0; k < all; k++) {
-      const int j = c->aij_column[b->aij_start[i] + k];
+      const int j = c->aij_column[b->aij_start[i] + k], s = find_pair(c, i, c->subdomain[j]);
       prefetch_after(row + ENTRIES * k);
-      add_block(acc + ENTRIES * find_pair(c, i, c->subdomain[j]), row + BLOCK * k, b->aij_stride[i], scale,
-                c->functions + COLUMNS * (long)j);
+      if (s != pair) {
+        for (int m = 0; m < ENTRIES && pair >= 0; m++) acc[ENTRIES * pair + m] = sum[m];
+        for (int m = 0; m < ENTRIES; m++) sum[m] = acc[ENTRIES * s + m];
+        pair = s;
+      }
+      add_block(sum, row + BLOCK * k, b->aij_stride[i], scale, c->functions + COLUMNS * (long)j);
     }
+    for (int m = 0; m < ENTRIES && pair >= 0; m++) acc[ENTRIES * pair + m] = sum[m];
     if (b->off_diagonal_start) {
       const int from = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - from;
       for (int k = 0; k < n; k++) {
