@@ -112,8 +112,8 @@ class ProjectedNewton:
     left : _Left
         The unstable equilibrium that the last solve left last.
     give_up : callable or None
-        Called with the unknowns after a filtered step that has made little progress; returns why
-        the solve ends, with DIVERGED_LOCAL_MIN, or "".
+        Called with the unknowns after a step of the adaptive Hessian that was filtered and has made
+        little progress; returns why the solve ends, with DIVERGED_LOCAL_MIN, or "".
     gave_up : str
         Why the last solve ended so, or "".
     """
@@ -239,7 +239,9 @@ class ProjectedNewton:
             step.end.copy_to(state)
             step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
             norm = state.residual.norm()
-            if self.give_up and progress.is_little and (reason := self.give_up(x)):
+            # A filter that is always on tells nothing of the Hessian.
+            doubtful = progress.is_little and self.options["snes_hessian"] == "adaptive"
+            if doubtful and self.give_up and (reason := self.give_up(x)):
                 self.gave_up = reason
                 snes.setIterationNumber(its + 1)
                 snes.setFunctionNorm(norm)
