@@ -302,18 +302,18 @@ class GoalStates:
         end = _State(problem.load, problem.x.copy())
         kept = [state for state in self._states.values() if state.load == load]
         try:
-            restore(problem, *(kept[0] if kept else end))
+            _restore(problem, kept[0] if kept else end)
             yield
         finally:
-            restore(problem, *end)
+            _restore(problem, end)
 
 
-def restore(problem: Problem, load: float, x: PETSc.Vec) -> None:
-    """Set a problem to its state ``x`` at a load, unless it is at this load. Collective."""
-    if load == problem.load:
+def _restore(problem: Problem, state: _State) -> None:
+    """Set a problem to a state, unless it is at this load. Collective."""
+    if state.load == problem.load:
         return
-    problem.set_load(load)
-    x.copy(problem.x)
+    problem.set_load(state.load)
+    state.x.copy(problem.x)
     problem.history.begin_step(problem.split(problem.x)[0])
 
 
