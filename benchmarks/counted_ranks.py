@@ -45,11 +45,11 @@ def main(file: Path, settings: dict[str, Any]) -> None:
     context = setup.snes.getKSP().getPythonContext()
     assert isinstance(context, EisenstatCG)
     system, deflation = context._system, context._system.deflation
-    arrays, blocks = system.matrix._arrays, system.matrix.size**2
+    arrays = system.matrix.arrays
     own = {
         "cells": _dolfinx.num_owned(setup.problem.domain),
         "upper_blocks": len(arrays["upper_column"]),
-        "shared_blocks": len(arrays["off_diagonal"]) // blocks if comm.size > 1 else 0,
+        "shared_blocks": len(arrays["off_diagonal_column"]) if comm.size > 1 else 0,
         "coarse_pairs": len(deflation.arrays["pair_subdomain"]) if deflation else 0,
         "sent": sent.tolist(),
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,

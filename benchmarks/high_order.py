@@ -78,10 +78,10 @@ def _measure(element: str, cells: int) -> Row:
     del times["directions"]
     times["rest"] = times["us"] - times["assembly"] - times["setup"] - times["iterations"]
     problem, system = clocks["assembly"].owner, clocks["directions"].owner
-    arrays = [*system.matrix._arrays.values(), *system._vectors.values()]
+    arrays = [*system.matrix.arrays.values(), *system._vectors.values()]
     held = {
         "peak": peak,
-        "aij": 12 * problem.A.getInfo()["nz_used"],
+        "aij": 0 if problem.P.getType() == "python" else 12 * problem.P.getInfo()["nz_used"],
         "ssor": sum(array.nbytes for array in arrays),
         "deflation": sum(array.nbytes for array in system.deflation.arrays.values()),
         "positions": problem.matrix.block_positions.nbytes,

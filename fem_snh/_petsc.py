@@ -79,6 +79,8 @@ def call(name: str, *arguments: Any) -> None:
 if mallopt := getattr(ffi.dlopen(None), "mallopt", None):
     for option_and_value in ((-3, 2**25), (-4, 2**16), (-1, 2**26)):
         mallopt(*option_and_value)
+#: Preconditioners, among them ours, for which a matrix of type "python" will do.
+_WITHOUT_ENTRIES = (PETSc.PC.Type.PYTHON, PETSc.PC.Type.NONE, PETSc.PC.Type.JACOBI)
 #: Attribute of a matrix: how often `set_pattern` was called.
 _PATTERNS = "fem_snh_patterns"
 #: Attribute of a KSP: the handle and `nonzero_state` of its last matrix P.
@@ -123,6 +125,11 @@ def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
     A.setAttr(_PATTERNS, int(A.getAttr(_PATTERNS) or 0) + 1)
 
 
+def as_aij(A: PETSc.Mat) -> PETSc.Mat:
+    """Return A, or the AIJ copy of a `fem_snh.linalg.half_matrix.HalfMatrix`. Collective."""
+    return A.getPythonContext().aij(A) if A.getType() == PETSc.Mat.Type.PYTHON else A
+
+
 def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     """Set a solver's operator A and the matrix P of its preconditioner. Collective.
 
@@ -131,6 +138,8 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     here. MUMPS replaces PETSc's factors that are not positive definite, gets a larger workspace if
     it needs one, and counts negative pivots on several ranks.
     """
+    if ksp.getPC().getType() not in _WITHOUT_ENTRIES:
+        A, P = as_aij(A) if A == P else A, as_aij(P)
     pattern = P.handle, nonzero_state(P)
     if (former := ksp.getAttr(_SEEN)) is not None and former != pattern:
         other = PETSc.Mat().createPython(P.getSizes(), comm=P.comm)

@@ -139,7 +139,8 @@ class NonlinearProblem:
     b : PETSc.Vec
         The residual [N], zero at constrained dofs.
     A : PETSc.Mat
-        The Hessian [N/m] that was assembled last, possibly filtered.
+        The Hessian [N/m] that was assembled last, possibly filtered: an AIJ matrix, a copy if the
+        solver stores one half, which from the first access on is renewed in every assembly.
 
     Raises
     ------
@@ -194,7 +195,7 @@ class NonlinearProblem:
         self._problem = define(*given, *groups, **self._in_time()).problem()
         self._check_lists = partial(check_lists, self._problem, bcs, terms)
         self._prefix, self._given = petsc_options_prefix, options
-        self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
+        self.u, self.x, self.reason = u, self._problem.x, ""
         self.newton, self.linear, self.row = 0, 0, dict[str, Any]()
         with self._given.active():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
@@ -215,6 +216,11 @@ class NonlinearProblem:
     def _in_time(self) -> dict[str, Any]:
         """Return the keyword arguments of `define` that differ between statics and motion."""
         return {"on_load": self._load}
+
+    @property
+    def A(self) -> PETSc.Mat:
+        """The Hessian, see the class. The first access makes the matrix. Collective."""
+        return self._problem.A
 
     def solve(self) -> Any:
         """Solve for the present boundary values, constants and functions. Collective.

@@ -236,7 +236,7 @@ class Lift:
             if definite:
                 return False
             if not are_factors_cheap(lifted):
-                if lifted.rigid or lifted.operator != lifted.A:
+                if lifted.rigid or not lifted.is_assembled:
                     return True
                 # An unknown pressure makes up for negative eigenvalues of the displacement's part.
                 negative = definite is False

@@ -73,7 +73,7 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
         yield pointwise
         return
     limit = _LITTLE_LOCKING if _is_quadratic_triangle(problem) else LOCKING_RATIO * _ROUNDED
-    if base.volume != "pressure" and problem.operator != problem.A:  # condensed as the run is
+    if base.volume != "pressure" and not problem.is_assembled:  # condensed as the run is
         yield mean
     elif base.volume == "pressure" or len(parts) == 1:
         yield best

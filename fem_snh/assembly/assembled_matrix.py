@@ -1,9 +1,10 @@
-"""An AIJ matrix into whose value arrays the terms of a problem add element matrices directly.
+"""A matrix into whose value arrays the terms of a problem add element matrices directly.
 
 ``MatSetValues`` searches the row of every value for its column, in every assembly. The sparsity
-pattern of a mesh's cells never changes, so `BlockMatrix` determines once where PETSc's value arrays
-store each block of each element matrix. The compiled cell loops then add to these addresses. They
-neither search nor store element matrices, which ``MatSetValuesCOO`` needs.
+pattern of a mesh's cells never changes, so `BlockMatrix` determines once where the value arrays of
+PETSc's AIJ matrix, or of the solver's half, store each block of each element matrix. The compiled
+cell loops then add to these addresses. They neither search nor store element matrices, which
+``MatSetValuesCOO`` needs.
 ``python -m benchmarks assembly`` compares the time per cell with dolfinx's assembly by
 ``MatSetValues``, ``python -m benchmarks coo_assembly`` with ``MatSetValuesCOO``.
 
@@ -30,12 +31,17 @@ from fem_snh.assembly.added_couplings import Couplings
 from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
 from fem_snh.assembly.matrix_layout import MatrixLayout, MixedDofMap, Received
 from fem_snh.kernels.block_pattern import concatenated_ranges
-from fem_snh.kernels.cell_matrices import MatrixAddition
+from fem_snh.kernels.cell_matrices import Addresses, MatrixAddition
 
 if TYPE_CHECKING:
     from fem_snh.assembly.elimination import Elimination
 
 Array = npt.NDArray[Any]
+
+
+#: ``add(array, targets, values)`` adds values at offsets of an array, numbered as in
+#: `MatrixLayout.block_positions`.
+_Add = Callable[[int, Array, Array], None]
 
 
 class SentRows:
@@ -69,21 +75,14 @@ class SentRows:
             if len(blocks.rows)
         }
 
-    def add_to(self, arrays: Sequence[Array]) -> None:
-        """Send ``values``, and add received values to a matrix. Collective.
-
-        Parameters
-        ----------
-        arrays : sequence of arrays
-            The matrix values of the diagonal block and, on several ranks, of the off-diagonal
-            block; modified in place.
-        """
+    def add_to(self, add: _Add) -> None:
+        """Send ``values``, and ``add`` received values to a matrix. Collective."""
         requests = [self._comm.Irecv(a.values, source=r) for r, a in self._received.items()]
         messages = {rank: self.values[chosen] for rank, chosen in self._sent.items()}
         requests += [self._comm.Isend(values, dest=rank) for rank, values in messages.items()]
         MPI.Request.Waitall(requests)
         for addition in self._received.values():
-            addition.add_to(arrays)
+            addition.add_to(add)
 
 
 class _Addition:
@@ -98,23 +97,24 @@ class _Addition:
         number = concatenated_ranges(np.zeros_like(size), size)
         number = np.repeat(number, np.repeat(count, size))
         offset, array = np.divmod(blocks.positions, 4)
-        own = blocks.rows - dof_map.owned_range[0]
-        diagonal, off_diagonal = (strides[k][dof_map.is_owned][own] for k in range(2))
-        first = offset[block] + number * np.where(array, off_diagonal, diagonal)[block]
+        own = np.flatnonzero(dof_map.is_owned)[blocks.rows - dof_map.owned_range[0]]
+        stride = np.stack(strides)[array, own]
+        first = offset[block] + number * stride[block]
         width = dof_map.global_dofs(blocks.columns)[1][block]
         target, array = concatenated_ranges(first, width), np.repeat(array[block], width)
+        array[np.repeat(blocks.positions[block] < 0, width)] = -1  # only the transpose is stored
         self.values = np.empty(len(target))
-        chosen = [np.flatnonzero(array == k).astype(np.int32) for k in range(2)]
-        self._parts = [(of, target[of].astype(np.int32)) for of in chosen]
+        chosen = {k: np.flatnonzero(array == k).astype(np.int32) for k in (0, 1, 3)}
+        self._parts = {k: (of, target[of].astype(np.int32)) for k, of in chosen.items() if len(of)}
 
-    def add_to(self, arrays: Sequence[Array]) -> None:
-        """Add the received values to the matrix ``arrays``: see `SentRows.add_to`."""
-        for array, (chosen, target) in zip(arrays, self._parts, strict=True):
-            array[target] += self.values[chosen]
+    def add_to(self, add: _Add) -> None:
+        """Add the received values to the matrix: see `SentRows.add_to`."""
+        for array, (chosen, target) in self._parts.items():
+            add(array, target, self.values[chosen])
 
 
 class BlockMatrix:
-    """An AIJ matrix with the sparsity pattern of a dof map's cells. Collective.
+    """A matrix with the sparsity pattern of a dof map's cells, AIJ or a `HalfMatrix`. Collective.
 
     Terms add to the matrix inside of `adding`. Rows and columns of constrained dofs are zero except
     for one positive number on the diagonal, the same for all: the mean absolute diagonal entry of
@@ -131,6 +131,8 @@ class BlockMatrix:
     planes : InclinedPlanes, optional
         Nodes with constrained directions that are no coordinate axes. These directions are
         eliminated like constrained dofs.
+    unit : float, optional
+        As for `MatrixLayout`; without ``planes``, and without `couple` and `eliminate`.
 
     Attributes
     ----------
@@ -143,7 +145,7 @@ class BlockMatrix:
     block_positions : (cells, n, n) int32
         Where the blocks of each cell are stored: see `fem_snh.assembly.matrix_layout.MatrixLayout`.
         Replaced together with ``layout``.
-    row_strides : list of three (local blocks,) int32
+    row_strides : list of four (local blocks,) int32
         See `MatrixLayout`.
     free : (local nodes, components) float64
         0 for constrained components of the displacement, else 1.
@@ -153,8 +155,8 @@ class BlockMatrix:
         Owned dofs of pressures whose cells are all rigid and not assembled: rows and columns are
         zero. `adding` sets their diagonal to minus that of constrained dofs. The matrix is then
         regular, and each pressure still has one negative eigenvalue.
-    addresses : list of int
-        Inside of `adding`, the addresses of the three value arrays (0: no such array); else [].
+    addresses : Addresses
+        Where the value arrays are, inside of `adding`.
 
     Raises
     ------
@@ -168,14 +170,15 @@ class BlockMatrix:
         constrained: Array | None = None,
         layout: MatrixLayout | None = None,
         planes: InclinedPlanes | None = None,
+        unit: float | None = None,
     ) -> None:
         self._dof_map, self._planes = dof_map, planes
-        self._set_layout(layout or MatrixLayout(dof_map))
+        self._set_layout(layout or MatrixLayout(dof_map, unit=unit))
         if layout is not None:
             self.mat = layout.mat.duplicate()
         self._couplings: Couplings | None = None
         self._elimination: Elimination | None = None
-        self.addresses: list[int] = []
+        self.addresses = Addresses()
 
         if constrained is None:
             constrained = np.zeros((dof_map.num_blocks[0], dof_map.components), dtype=bool)
@@ -198,15 +201,15 @@ class BlockMatrix:
         """
         self.mat.zeroEntries()
         self._sent_rows.values[:] = 0
-        with aij_blocks(self.mat) as blocks:
-            addresses = [block.values for block in blocks]
-            missing = [0] * (2 - len(addresses))
-            self.addresses = [*addresses, *missing, self._sent_rows.values.ctypes.data]
+        half = self.layout.half
+        with self._open(self._sent_rows.values) as (self.addresses, add):
             try:
                 yield
             finally:
-                self.addresses = []
-            self._sent_rows.add_to([block.array() for block in blocks])
+                self.addresses = Addresses()
+            self._sent_rows.add_to(add)
+        if half:
+            half.finish()
         if self._couplings:
             self._couplings.set_values(self.mat)
         self.mat.assemble()
@@ -217,6 +220,23 @@ class BlockMatrix:
         if self._planes:
             self._projection.apply(self.mat)
         self._add_constrained_diagonal()
+        if half:
+            half.update_aij(self.mat)
+
+    @contextmanager
+    def _open(self, sent: Array) -> Iterator[tuple[Addresses, _Add]]:
+        """Yield where terms add to the matrix, and the function that adds received values."""
+        if half := self.layout.half:
+            yield half.addresses(sent), half.add
+            return
+        with aij_blocks(self.mat) as blocks:
+            values = [block.array() for block in blocks]
+
+            def add(array: int, targets: Array, received: Array) -> None:
+                values[array][targets] += received
+
+            given = [*(block.values for block in blocks), 0][:2]
+            yield Addresses([*given, sent.ctypes.data, 0]), add
 
     def add_matrices(self, cells: Array, matrices: Array) -> None:
         """Add element matrices, inside of `adding`. Not collective.
@@ -232,6 +252,20 @@ class BlockMatrix:
             pressure dofs, or the displacement dofs alone.
         """
         self._addition.add(self.addresses, cells, matrices)
+
+    def absolute_product(self, x: PETSc.Vec) -> PETSc.Vec:
+        """Return ``|A| x`` with the absolute values of the entries. Collective."""
+        product = x.duplicate()
+        if self.layout.half:
+            product.array[:] = self.layout.half.absolute_product(x)
+            return product
+        absolute = self.mat.duplicate(copy=True)
+        with aij_blocks(absolute) as blocks:
+            for block in blocks:
+                np.abs(block.array(), out=block.array())
+        absolute.mult(x, product)
+        absolute.destroy()
+        return product
 
     def couple(self, pairs: Sequence[Array]) -> None:
         """Extend the sparsity pattern if it lacks one of these pairs of nodes. Collective.
@@ -354,6 +388,9 @@ class BlockMatrix:
                 free = np.delete(values[: self._num_u], constrained)
                 local = np.array([np.abs(free).sum(), len(free)])
                 total, count = self._dof_map.comm.allreduce(local)
+                if not np.isfinite(total):  # of crushed cells, in this assembly only
+                    self._diagonal_vec = None
+                    return
                 self._constrained_diagonal = float(total / max(count, 1)) or 1.0
             values[:] = 0.0
             values[constrained] = self._constrained_diagonal
@@ -368,6 +405,7 @@ def create_matrix(
     Q: Any = None,
     constrained: Array | None = None,
     planes: InclinedPlanes | None = None,
+    unit: float | None = None,
 ) -> BlockMatrix:
     """Return the zero matrix of a displacement space, and of a pressure space if any. Collective.
 
@@ -381,6 +419,8 @@ def create_matrix(
         As for `BlockMatrix`.
     planes : InclinedPlanes, optional
         As for `BlockMatrix`.
+    unit : float, optional
+        As for `MatrixLayout`; without ``Q`` and ``planes``.
     """
     dof_map = MixedDofMap([V] if Q is None else [V, Q])
-    return BlockMatrix(dof_map, constrained, planes=planes)
+    return BlockMatrix(dof_map, constrained, planes=planes, unit=unit)

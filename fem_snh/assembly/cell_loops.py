@@ -19,6 +19,7 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels import build
 from fem_snh.kernels.build import header
+from fem_snh.kernels.cell_matrices import Addresses
 from fem_snh.kernels.material import Compiled, Material, compile_kernel
 
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
@@ -100,7 +101,8 @@ def compile_cell_loops(
     ``loops`` are the files of ``fem_snh/kernels/include`` with the loops.
     """
     volume = _VOLUME_HEADERS[tables.volume]
-    after = ("cell_api.h", "kinematics.h", "element_matrices.h", volume, "cell_batches.h", *loops)
+    target = "cell_api.h", "split_double.h", "matrix_target.h"
+    after = (*target, "kinematics.h", "element_matrices.h", volume, "cell_batches.h", *loops)
     entries = tables.kinematics.entries
     return compile_kernel(material, tables.volume, tables.sizes, after, entries)
 
@@ -163,8 +165,8 @@ class CellLoops:
         """Return a MatrixTarget (cell_api.h) for `jacobian`.
 
         The arguments are ``row_strides``, ``block_positions``, ``free`` and ``is_constrained`` of a
-        `BlockMatrix`. The caller keeps them alive, and sets ``values`` (and ``rotation``, if used)
-        before each use.
+        `BlockMatrix`. The caller keeps them alive, and before each use calls `set_addresses` and
+        sets ``rotation``, if used.
         """
         target = self._ffi.new("MatrixTarget *")
         target.stride = [self.pointer(stride) for stride in strides]
@@ -178,9 +180,9 @@ class CellLoops:
         """Return the address of the struct Cells (cell_api.h), valid as long as this object."""
         return int(self._ffi.cast("uintptr_t", self._cells))
 
-    def address(self, number: int) -> Any:
-        """Return the C pointer ``double *`` with this address."""
-        return self._ffi.cast("double *", number)
+    def set_addresses(self, target: Any, addresses: Addresses) -> None:
+        """Set where the values of a MatrixTarget are."""
+        addresses.set(self._ffi, target)
 
     def energy(self, u: Array, pressure: Array | None = None) -> float:
         """Return the energy [J] of this rank's cells; +inf outside the energy's domain."""

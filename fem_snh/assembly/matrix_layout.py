@@ -1,15 +1,18 @@
-"""The numbering of unknowns, and where an AIJ matrix stores the blocks of element matrices.
+"""The numbering of unknowns, and where a matrix stores the blocks of element matrices.
 
 As in dolfinx, unknowns are numbered in blocks, one block per node: the displacement's components,
 or 1 pressure. Every rank numbers its displacement blocks first, then its pressure blocks.
 
 A parallel AIJ matrix stores the columns that a rank owns (diagonal block) and all other columns
 (off-diagonal block) separately. Contributions to rows of another rank are summed in a third array.
+`fem_snh.linalg.half_matrix.HalfMatrix` stores half of the diagonal block, and apart from it the
+blocks on the diagonal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -23,11 +26,14 @@ from fem_snh._dolfinx import FunctionSpace
 from fem_snh._petsc import set_pattern
 from fem_snh.errors import BadInput
 from fem_snh.kernels.block_pattern import BlockPattern, CellPattern, Pattern, unknown_columns
+from fem_snh.linalg.block_matrix import DisplacementBlocks
+from fem_snh.linalg.half_matrix import HalfMatrix
 
 Array = npt.NDArray[Any]
 
 #: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
+_NUM_ARRAYS = 4
 #: Largest encoded position: the compiled loops read 32-bit integers.
 _LARGEST = int(np.iinfo(np.int32).max)
 
@@ -52,28 +58,33 @@ class BlockSparsity:
         Values in one matrix row of each block row: the stride between the rows of a block.
     row_offsets : (block rows + 1,) int
         Offset of each block row's first value.
-    block_offsets : (blocks,) int
-        Offset of each block's first value.
+    pattern : Pattern
+        As given.
     """
 
     def __init__(self, pattern: Pattern, row_sizes: Array, column_sizes: Array) -> None:
-        self._pattern = pattern
+        self.pattern = pattern
         self.indptr, self.indices = pattern.indptr, pattern.indices
         self.row_sizes = row_sizes
-        before = np.concatenate([[0], np.cumsum(column_sizes[self.indices], dtype=np.int64)])
-        row_start = before[self.indptr[:-1]]
-        self.row_lengths = before[self.indptr[1:]] - row_start
+        self._column_sizes = column_sizes
+        self.row_lengths = np.diff(self._before()[self.indptr])
         self.row_offsets = np.concatenate([[0], np.cumsum(row_sizes * self.row_lengths)])
-        shift = np.repeat(self.row_offsets[:-1] - row_start, np.diff(self.indptr))
-        self.block_offsets = np.add(before[:-1], shift, out=shift)
+
+    def _before(self) -> Array:
+        """Return the number of columns before each block, row after row, and of all."""
+        sizes = self._column_sizes[self.indices]
+        return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
 
     def block_rows(self) -> Array:
         """Return the block row of each block, (blocks,) int32."""
-        return self._pattern.rows()
+        return self.pattern.rows()
 
-    def offsets(self, rows: Array, columns: Array) -> Array:
-        """Return the offset of each block's first value; raise KeyError for a missing block."""
-        return np.asarray(self.block_offsets[self._pattern.find(rows, columns)])
+    def positions(self, array: int) -> Array:
+        """Return where each block is stored in the array of this number, encoded as above."""
+        before = self._before()
+        shift = self.row_offsets[:-1] - before[self.indptr[:-1]]
+        before[:-1] += np.repeat(shift, np.diff(self.indptr))
+        return np.asarray(4 * before[:-1] + array)
 
 
 class Received(NamedTuple):
@@ -103,18 +114,24 @@ class MatrixLayout:
         Global block row and column of further blocks, in rows that this rank owns.
     mat : PETSc.Mat, optional
         A matrix to which the pattern is given in place. Default: a new matrix.
+    unit : float, optional
+        The size of the values [N/m], to store one half of the matrix: a symmetric one, of one
+        space.
 
     Attributes
     ----------
     mat : PETSc.Mat
-        A zero AIJ matrix with this pattern.
+        A zero matrix with this pattern: AIJ, or, with a ``unit``, that of ``half``.
+    half : HalfMatrix or None
+        The half, if it is stored.
     block_positions : (cells, n, n) int32
         For each pair of blocks of each cell 4 * offset + k, with the offset of the pair's first
-        value in value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows).
-    row_strides : list of three (local blocks,) int32
-        For each of the three arrays, the number of values in a matrix row of each local block.
+        value in value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows, 3 the block
+        diagonal of a half); negative for blocks whose transposes a half stores.
+    row_strides : list of four (local blocks,) int32
+        For each of these arrays, the number of values in a matrix row of each local block.
     num_values : tuple of int
-        Values in the diagonal and in the off-diagonal block.
+        Values of an AIJ matrix in the diagonal and in the off-diagonal block.
     ghosts : (ghost blocks,) int64
         Global numbers of the ghost blocks.
     sent : BlockSparsity
@@ -133,25 +150,32 @@ class MatrixLayout:
         dof_map: MixedDofMap,
         pairs: Array | None = None,
         mat: PETSc.Mat | None = None,
+        unit: float | None = None,
     ) -> None:
-        self._dof_map, numbers, owned = dof_map, dof_map.local_to_global, dof_map.is_owned
+        self.half: HalfMatrix | None = None
+        self._dof_map, owned = dof_map, dof_map.is_owned
+        self._numbers = numbers = dof_map.local_to_global.astype(np.int32)  # as PETSc's integers
         self.ghosts = numbers[~owned]
         pattern = CellPattern(dof_map.cell_blocks, len(numbers))
-        diagonal, off_diagonal, others, positions = self._shared(pattern, pairs)
+        diagonal, off_diagonal, others, positions = self._shared(pattern, pairs, unit)
         self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
         too_many = bool(positions.max(initial=0) > _LARGEST)
         if dof_map.comm.allreduce(too_many, op=MPI.LOR):
             raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
         self.block_positions = pattern.of_cells(positions)
-        self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
-        for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
-            strides[owned] = sparsity.row_lengths[numbers[owned] - dof_map.owned_range[0]]
+        self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(_NUM_ARRAYS)]
+        lengths = {_DIAGONAL: diagonal.row_lengths, _OFF_DIAGONAL: off_diagonal.row_lengths}
+        for array, of_rows in (self.half.strides if self.half else lengths).items():
+            self.row_strides[array][owned] = of_rows[numbers[owned] - dof_map.owned_range[0]]
         self.row_strides[_SENT][~owned] = self.sent.row_lengths
         del positions, pattern
-        self.mat = self._create(diagonal, off_diagonal, others, mat)
+        if self.half:
+            self.mat: PETSc.Mat = self.half.create_mat()
+        else:
+            self.mat = _create_aij(dof_map, others, diagonal, off_diagonal, mat)
 
     def _shared(
-        self, pattern: CellPattern, pairs: Array | None
+        self, pattern: CellPattern, pairs: Array | None, unit: float | None
     ) -> tuple[BlockSparsity, BlockSparsity, Array, Array]:
         """Exchange the rows of ghost blocks, and set ``sent`` and ``received``. Collective.
 
@@ -163,7 +187,7 @@ class MatrixLayout:
             Where the cells' blocks are stored, encoded as ``block_positions``.
         """
         dof_map = self._dof_map
-        sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
+        sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, self._numbers
         first, last = dof_map.owned_range
         rows, columns = pattern.rows(), pattern.indices
         sent = ~owned[rows]
@@ -171,33 +195,44 @@ class MatrixLayout:
         ghost = np.cumsum(~owned) - 1  # index of a ghost block among the ghosts
         to_send = BlockPattern(ghost[rows[sent]], columns[sent], len(self.ghosts), len(sizes))
         self.sent = BlockSparsity(to_send, sizes[~owned], sizes)
-        own = np.stack([numbers[rows[~sent]], numbers[columns[~sent]]])
+        own = numbers[rows[~sent]], numbers[columns[~sent]]
         received = self._send_to_owners()
         diagonal, off_diagonal, others = self._owned_rows(own, received, pairs)
+        if unit is not None:
+            parts = diagonal.pattern, off_diagonal.pattern
+            create_aij = partial(_aij_of_half, dof_map, others)
+            numbers_of_ranks = dof_map.first_blocks, others
+            self.half = HalfMatrix(
+                dof_map.comm, dof_map.components, unit, create_aij, *parts, *numbers_of_ranks
+            )
+            of_own, of_others = self.half.positions()
+        else:
+            of_own = diagonal.positions(_DIAGONAL)
+            of_others = off_diagonal.positions(_OFF_DIAGONAL)
 
         def owned_positions(rows: Array, columns: Array) -> Array:
             row, found = rows - first, np.empty(len(rows), np.int64)
             inside = (columns >= first) & (columns < last)
-            offsets = diagonal.offsets(row[inside], columns[inside] - first)
-            found[inside] = 4 * offsets + _DIAGONAL
+            found[inside] = of_own[diagonal.pattern.find(row[inside], columns[inside] - first)]
             dense = np.searchsorted(others, columns[~inside])
-            found[~inside] = 4 * off_diagonal.offsets(row[~inside], dense) + _OFF_DIAGONAL
+            found[~inside] = of_others[off_diagonal.pattern.find(row[~inside], dense)]
             return found
 
         positions = np.empty(len(rows), np.int64)
         positions[~sent] = owned_positions(*own)
         self.received = [Received(r, c, owned_positions(r, c)) for r, c in received]
-        positions[sent] = 4 * self.sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
+        in_sent = self.sent.pattern.find(ghost[rows[sent]], columns[sent])
+        positions[sent] = self.sent.positions(_SENT)[in_sent]
         return diagonal, off_diagonal, others, positions
 
     def _owned_rows(
-        self, own: Array, received: Sequence[Array], pairs: Array | None
+        self, own: Sequence[Array], received: Sequence[Array], pairs: Array | None
     ) -> tuple[BlockSparsity, BlockSparsity, Array]:
         """Return the patterns of this rank's rows, in its own columns and in other columns.
 
         Parameters
         ----------
-        own : (2, n)
+        own : two arrays (n,)
             Global block rows and columns of this rank's cells in rows of this rank.
         received : sequence of (2, n)
             Global block rows and columns that each other rank's cells add to these rows.
@@ -213,9 +248,10 @@ class MatrixLayout:
         """
         dof_map = self._dof_map
         first, last = dof_map.owned_range
-        more = [] if pairs is None else [pairs.T]
-        rows, columns = np.concatenate([own, *received, *more], axis=1)
-        rows -= first
+        more = received if pairs is None else [*received, pairs.T.astype(np.int32)]
+        parts = zip(own, *more, strict=True)
+        rows, columns = map(np.concatenate, parts) if more else own
+        rows = rows - first
         inside = (columns >= first) & (columns < last)
         others = np.unique(columns[~inside])
         sizes = dof_map.global_dofs(np.arange(first, last))[1]
@@ -232,47 +268,8 @@ class MatrixLayout:
         comm, dof_map = self._dof_map.comm, self._dof_map
         rows = self.ghosts[self.sent.block_rows()]
         owner = dof_map.owner_ranks(rows)
-        pairs = np.stack([rows, dof_map.local_to_global[self.sent.indices]])
+        pairs = np.stack([rows, self._numbers[self.sent.indices]])
         return comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
-
-    def _create(
-        self,
-        diagonal: BlockSparsity,
-        off_diagonal: BlockSparsity,
-        others: Array,
-        mat: PETSc.Mat | None,
-    ) -> PETSc.Mat:
-        """Return a zero AIJ matrix: ``mat`` with the new pattern, or a new one for None.
-
-        ``others`` are the global block columns of the off-diagonal block.
-        """
-        dof_map, row_sizes = self._dof_map, diagonal.row_sizes
-        lengths = diagonal.row_lengths + off_diagonal.row_lengths
-        indptr = np.concatenate([[0], np.cumsum(np.repeat(lengths, row_sizes))])
-        first, last = dof_map.owned_range
-        own, rest = (
-            (part.indptr, part.indices, *dof_map.global_dofs(blocks))
-            for part, blocks in ((diagonal, np.arange(first, last)), (off_diagonal, others))
-        )
-        before = int(np.searchsorted(others, first))
-        columns = unknown_columns(row_sizes, own, rest, before, int(indptr[-1]))
-        csr = indptr.astype(PETSc.IntType), columns
-        if mat is not None:
-            set_pattern(mat, csr)
-            return mat
-        if dof_map.comm.size == 1:  # PETSc keeps these arrays: no copy
-            arrays = *csr, np.zeros(len(columns), PETSc.ScalarType)
-            size = dof_map.num_owned_dofs
-            made = PETSc.Mat().createAIJWithArrays((size, size), arrays, comm=dof_map.comm)
-            if dof_map.block_size:
-                made.setBlockSize(dof_map.block_size)
-            return made
-        return PETSc.Mat().createAIJ(
-            ((dof_map.num_owned_dofs, None),) * 2,
-            bsize=dof_map.block_size,
-            csr=csr,
-            comm=dof_map.comm,
-        )
 
 
 class MixedDofMap:
@@ -355,6 +352,11 @@ class MixedDofMap:
         return np.asarray(self._first[rank, space] + offset)
 
     @property
+    def first_blocks(self) -> Array:
+        """The first global block of each rank, and the number of blocks, (ranks + 1,)."""
+        return self._first_block
+
+    @property
     def components(self) -> int:
         """The unknowns of a block of the first space: the displacement's components."""
         return int(self._space_block_size[0])
@@ -369,3 +371,54 @@ class MixedDofMap:
         """The block size of the space if there is one space; else None."""
         sizes = self._space_block_size
         return int(sizes[0]) if len(sizes) == 1 else None
+
+
+def _create_aij(
+    dof_map: MixedDofMap,
+    others: Array,
+    diagonal: BlockSparsity,
+    off_diagonal: BlockSparsity,
+    mat: PETSc.Mat | None = None,
+) -> PETSc.Mat:
+    """Return a zero AIJ matrix: ``mat`` with a pattern, or a new one for None. Collective.
+
+    ``others`` are the global block columns of ``off_diagonal``.
+    """
+    row_sizes = diagonal.row_sizes
+    lengths = diagonal.row_lengths + off_diagonal.row_lengths
+    indptr = np.concatenate([[0], np.cumsum(np.repeat(lengths, row_sizes))])
+    first, last = dof_map.owned_range
+    own, rest = (
+        (part.indptr, part.indices, *dof_map.global_dofs(blocks))
+        for part, blocks in ((diagonal, np.arange(first, last)), (off_diagonal, others))
+    )
+    before = int(np.searchsorted(others, first))
+    columns = unknown_columns(row_sizes, own, rest, before, int(indptr[-1]))
+    csr = indptr.astype(PETSc.IntType), columns
+    if mat is not None:
+        set_pattern(mat, csr)
+        return mat
+    if dof_map.comm.size == 1:  # PETSc keeps these arrays: no copy
+        arrays = *csr, np.zeros(len(columns), PETSc.ScalarType)
+        size = dof_map.num_owned_dofs
+        made = PETSc.Mat().createAIJWithArrays((size, size), arrays, comm=dof_map.comm)
+        if dof_map.block_size:
+            made.setBlockSize(dof_map.block_size)
+        return made
+    return PETSc.Mat().createAIJ(
+        ((dof_map.num_owned_dofs, None),) * 2,
+        bsize=dof_map.block_size,
+        csr=csr,
+        comm=dof_map.comm,
+    )
+
+
+def _aij_of_half(dof_map: MixedDofMap, others: Array, blocks: DisplacementBlocks) -> PETSc.Mat:
+    """Return a zero AIJ matrix of the pattern of a `HalfMatrix`. Collective."""
+    own, of_others = blocks.diagonal, blocks.off_diagonal
+    count, size = len(own.indptr) - 1, dof_map.components
+    none = np.zeros(count + 1, np.int64), np.empty(0, np.int32)
+    rows, columns = np.full(count, size), np.full(len(others), size)
+    off_diagonal = BlockSparsity(Pattern(*(of_others[:2] if of_others else none)), rows, columns)
+    diagonal = BlockSparsity(Pattern(*own[:2]), rows, rows)
+    return _create_aij(dof_map, others, diagonal, off_diagonal)

@@ -156,10 +156,14 @@ class NodalMass:
 
         `BlockMatrix.constrained_diagonal` is that of the masses here, and restored afterwards.
         """
-        kept = matrix.constrained_diagonal
+        kept, half = matrix.constrained_diagonal, matrix.layout.half
         matrix.set_constrained_diagonal(None)
+        if half:
+            half.unit, unit = self.total, half.unit
         with matrix.adding():
             self.add_to(matrix, 1.0)
+        if half:
+            half.unit = unit
         matrix.set_constrained_diagonal(kept)
 
     def solve(self, matrix: BlockMatrix, project: Callable[[Array], None], force: Array) -> Array:
@@ -271,7 +275,7 @@ class StoredMatrix:
             self._free = self.mat.copy()
             self._free.diagonalScale(mask, mask)
         with aij_blocks(self._free, read_only=True) as blocks:
-            for block, address in zip(blocks, target.addresses, strict=False):
+            for block, address in zip(blocks, target.addresses.values, strict=False):
                 values = block.array()
                 if len(values):
                     daxpy(values, values_at(address, len(values)), a=factor)

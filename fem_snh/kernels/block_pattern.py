@@ -23,16 +23,21 @@ Array = npt.NDArray[Any]
 class Pattern:
     """A CSR sparsity pattern: a set of pairs (row, column).
 
-    Attributes
+    Parameters
     ----------
-    indptr : (rows + 1,) int64
+    indptr : (rows + 1,) int
         Index of each row's first pair.
     indices : (pairs,) int32
         The columns, ascending within each row.
+
+    Attributes
+    ----------
+    indptr, indices
+        The parameters; ``indptr`` is int64.
     """
 
-    indptr: Array
-    indices: Array
+    def __init__(self, indptr: Array, indices: Array) -> None:
+        self.indptr, self.indices = indptr.astype(np.int64, copy=False), indices
 
     def rows(self) -> Array:
         """Return the row of each pair of the pattern, (pairs,) int32."""
@@ -71,12 +76,11 @@ class BlockPattern(Pattern):
 
     def __init__(self, rows: Array, columns: Array, num_rows: int, num_columns: int) -> None:
         rows, columns = _int32(rows), _int32(columns)
-        self.indptr = np.zeros(num_rows + 1, np.int64)
-        indices = np.empty(len(rows), np.int32)
-        pairs, pattern = _pointers(rows, columns), _pointers(self.indptr, indices)
+        indptr, indices = np.zeros(num_rows + 1, np.int64), np.empty(len(rows), np.int32)
+        pairs, pattern = _pointers(rows, columns), _pointers(indptr, indices)
         if _library()[1].block_pattern(len(rows), *pairs, num_rows, num_columns, *pattern):
             raise MemoryError
-        self.indices = indices[: self.indptr[-1]].copy()
+        super().__init__(indptr, indices[: indptr[-1]].copy())
 
 
 class CellPattern(Pattern):
@@ -97,7 +101,7 @@ class CellPattern(Pattern):
 
     def __init__(self, cells: Array, num_blocks: int) -> None:
         self._cells, self._num_blocks = _int32(cells), num_blocks
-        self.indptr = np.zeros(num_blocks + 1, np.int64)
+        super().__init__(np.zeros(num_blocks + 1, np.int64), np.empty(0, np.int32))
         ffi, lib = _library()
         (indptr,) = _pointers(self.indptr)
         size = lib.cell_pattern(*self._of_cells(), indptr, ffi.NULL)

@@ -2,7 +2,7 @@
 
 `FormCells` tabulates, with FFCx's kernels, the element matrices of energies that users write in UFL
 (`fem_snh.terms.ufl_term`). `MatrixAddition` adds the element matrices of any term to the value
-arrays of an AIJ matrix (`fem_snh.assembly.assembled_matrix`).
+arrays of a matrix (`fem_snh.assembly.assembled_matrix`).
 """
 
 from __future__ import annotations
@@ -191,8 +191,34 @@ class FormCells:
             yield cells[start : start + count], count, asymmetry
 
 
+class Addresses(NamedTuple):
+    """Where values are added: addresses of the arrays of a ``MatrixTarget``; 0: no such array.
+
+    Attributes
+    ----------
+    values : sequence of four int
+        Arrays of doubles.
+    high, rest : sequences of four int
+        The halves of split doubles (split_double.h).
+    scale : float
+        The factor of what is added to split doubles.
+    """
+
+    values: Sequence[int] = (0, 0, 0, 0)
+    high: Sequence[int] = (0, 0, 0, 0)
+    rest: Sequence[int] = (0, 0, 0, 0)
+    scale: float = 1.0
+
+    def set(self, ffi: Any, target: Any) -> None:
+        """Set the addresses and the scale of a ``MatrixTarget *``."""
+        target.values = [ffi.cast("double *", address) for address in self.values]
+        target.high = [ffi.cast("float *", address) for address in self.high]
+        target.rest = [ffi.cast("int *", address) for address in self.rest]
+        target.scale = self.scale
+
+
 class MatrixAddition:
-    """Add matrices to the value arrays of an AIJ matrix, as a ``MatrixTarget`` (cell_api.h) says.
+    """Add matrices to the value arrays of a matrix, as a ``MatrixTarget`` (cell_api.h) says.
 
     Rows and columns of constrained displacement components are left out.
 
@@ -204,7 +230,7 @@ class MatrixAddition:
         Unknowns of each block of a cell: the displacement components of a node, 1 for a pressure.
     positions : (cells, n, n) int32
         ``MatrixTarget.position``.
-    strides : sequence of three (local blocks,) int32
+    strides : sequence of four (local blocks,) int32
         ``MatrixTarget.stride``.
     free : (local nodes, components)
         ``MatrixTarget.free``.
@@ -219,7 +245,8 @@ class MatrixAddition:
         free: Array,
     ) -> None:
         self._ffi, self._lib = build.open_library(
-            ["cell_api.h", "matrix_addition_api.h"], ["matrix_addition_kernels.h"]
+            ["cell_api.h", "matrix_addition_api.h"],
+            ["split_double.h", "matrix_target.h", "matrix_addition_kernels.h"],
         )
         self._blocks = np.ascontiguousarray(cell_blocks, dtype=np.int32)
         self._sizes = np.ascontiguousarray(sizes, dtype=np.int32)
@@ -230,7 +257,7 @@ class MatrixAddition:
         self._target.stride = [self._pointer(stride) for stride in strides]
         self._target.free = self._pointer(free)
 
-    def add(self, addresses: Sequence[int], cells: Array, matrices: Array) -> None:
+    def add(self, addresses: Addresses, cells: Array, matrices: Array) -> None:
         """Add element matrices (n, k, k) of ``cells`` (n,) to the value arrays at ``addresses``.
 
         k is the number of unknowns of all blocks of a cell, or of its displacement blocks.
@@ -243,7 +270,7 @@ class MatrixAddition:
             raise ValueError(f"matrices of shape {matrices.shape} for {len(cells)} cells")
         cells = np.ascontiguousarray(cells, dtype=np.int32)
         values = np.ascontiguousarray(matrices, dtype=np.float64)
-        self._set_addresses(addresses)
+        addresses.set(self._ffi, self._target)
         self._lib.add_matrices(
             self._target, len(cells), self._pointer(cells), blocks, self._blocks.shape[1],
             self._pointer(self._sizes), self._pointer(self._blocks), self._pointer(values),
@@ -251,7 +278,7 @@ class MatrixAddition:
 
     def add_node_pairs(
         self,
-        addresses: Sequence[int],
+        addresses: Addresses,
         pattern: tuple[Array, Array],
         positions: Array,
         factor: float,
@@ -261,8 +288,8 @@ class MatrixAddition:
 
         Parameters
         ----------
-        addresses : sequence of three int
-            Addresses of the value arrays.
+        addresses : Addresses
+            The value arrays.
         pattern : (indptr, indices)
             A CSR pattern of local nodes, int32.
         positions : (pairs,) int32
@@ -272,15 +299,12 @@ class MatrixAddition:
         values : (pairs,) float64
             One value for each pair.
         """
-        self._set_addresses(addresses)
+        addresses.set(self._ffi, self._target)
         indptr, indices = pattern
         self._lib.add_node_pairs(
             self._target, int(self._sizes[0]), len(indptr) - 1, self._pointer(indptr),
             self._pointer(indices), self._pointer(positions), factor, self._pointer(values),
         )  # fmt: skip
-
-    def _set_addresses(self, addresses: Sequence[int]) -> None:
-        self._target.values = [self._ffi.cast("double *", address) for address in addresses]
 
     def _pointer(self, array: Array) -> CData:
         return build.pointer(self._ffi, array)

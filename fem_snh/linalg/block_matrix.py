@@ -1,4 +1,4 @@
-"""A symmetric matrix of 2x2 or 3x3 blocks in single precision, made of an assembled AIJ matrix.
+"""A symmetric matrix of 2x2 or 3x3 blocks in single precision: a copy of an AIJ matrix, or its own.
 
 `fem_snh.linalg.ssor_cg` sweeps over the matrix; `fem_snh.linalg.deflation` reads its pattern;
 `Halo` receives the values of nodes that other ranks own.
@@ -36,7 +36,10 @@ Array = npt.NDArray[Any]
 #: Floats in a vector register of block_matrix_kernels.h.
 _LANES = 4
 _API = ("block_matrix_api.h", "coarse_space_api.h")
-_FUNCTIONS = ("block_matrix_kernels.h", "coarse_space_kernels.h")
+_FUNCTIONS = ("split_double.h", "block_matrix_kernels.h", "coarse_space_kernels.h")
+
+#: The arrays that a sweep reads: floats of the matrix, then what `SymmetricBlockMatrix.fill` sets.
+_SWEPT = ("upper", "off_diagonal", "diagonal", "diagonal_inverse", "link", "shift")
 
 #: The stages of the sweeps, see block_matrix_api.h.
 EARLY, INTERIOR, LATE = range(3)
@@ -68,12 +71,16 @@ class SymmetricBlockMatrix:
     size : int
         Rows of a block: 2 or 3.
     blocks : DisplacementBlocks
-        The offsets of the values; columns ascend in each row, and the pattern is symmetric.
+        The offsets of the values; columns ascend in each row, and the pattern is symmetric. Without
+        offsets there is no AIJ matrix: the values are in `arrays`, and the addresses of those of
+        an AIJ matrix are 0 in all methods.
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
 
     Attributes
     ----------
+    arrays : dict of arrays
+        The arrays of the C struct.
     translations : (size,) float64
         This rank's part of x.A x, times the scale, of the last `fill`, for each unit translation x
         of all nodes.
@@ -93,14 +100,23 @@ class SymmetricBlockMatrix:
         self.rows, self.size, entries = len(indptr) - 1, size, size**2
         self.translations = np.zeros(size)
         upper = max(0, len(indices) - self.rows) // 2
-        computed = "order", "stage_start", "upper_start", "aij_diagonal"  # by `matrix_order`
-        arrays: dict[str, Array] = {key: np.zeros(self.rows + 4, np.int32) for key in computed}
+        computed = ["order", "stage_start", "upper_start", "aij_diagonal"]  # by `matrix_order`
+        own = diagonal.offset is None
+        arrays: dict[str, Array] = {
+            key: np.zeros(self.rows + 4, np.int32) for key in computed + ["place"] * own
+        }
+        if own:
+            arrays["half_offset"] = np.zeros(len(indices), np.int32)
+            for name, blocks_of in (("own_diagonal", self.rows), ("upper", upper)):
+                arrays[f"{name}_rest"] = np.zeros(entries * blocks_of + _LANES, np.int32)
+            arrays["own_diagonal"] = np.zeros(entries * self.rows + _LANES, np.float32)
+        else:
+            arrays["upper_value"] = np.zeros(upper, np.int32)
+            arrays |= {"aij_offset": diagonal.row_offset, "aij_stride": diagonal.stride}
         arrays |= {
             "upper_column": np.zeros(upper, np.int32),
-            "upper_value": np.zeros(upper, np.int32),
             "aij_start": indptr.astype(np.int32),
-            "aij_offset": diagonal.row_offset,
-            "aij_stride": diagonal.stride,
+            "aij_column": np.ascontiguousarray(indices, np.int32),
             "upper": np.zeros(entries * upper + _LANES, np.float32),
             "diagonal": np.zeros(entries * self.rows + _LANES, np.float32),
             "diagonal_inverse": np.zeros(entries * self.rows + _LANES, np.float32),
@@ -112,9 +128,13 @@ class SymmetricBlockMatrix:
         if off_diagonal is not None and halo:
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
-            arrays["off_diagonal_value"] = off_diagonal.offset.astype(np.int64)
-            arrays["off_diagonal_stride"] = off_diagonal.stride
-            arrays["off_diagonal"] = np.zeros(entries * len(off_diagonal.indices), np.float32)
+            count = entries * len(off_diagonal.indices) + _LANES
+            arrays["off_diagonal"] = np.zeros(count, np.float32)
+            if own:
+                arrays["off_diagonal_rest"] = np.zeros(count, np.int32)
+            else:
+                arrays["off_diagonal_value"] = off_diagonal.offset.astype(np.int64)
+                arrays["off_diagonal_stride"] = off_diagonal.stride
             arrays["shift"] = np.zeros(size * self.rows, np.float32)
             pattern = (self.pointer(arrays[f"off_diagonal_{key}"]) for key in ("start", "column"))
             self.lib.matrix_stages(self.rows, *pattern, halo.higher, self.pointer(stage))
@@ -124,16 +144,12 @@ class SymmetricBlockMatrix:
             arrays["ghosts"], arrays["other_ghosts"] = both = np.zeros((2, *halo.ghosts.shape), "f")
             self._after[EARLY] = [halo.part(early, ghosts) for ghosts in both]
             self._after[LATE] = [halo.part(~early, both[0])]
-        self._arrays = arrays  # the struct holds pointers: the arrays must live as long
+        self.arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         one_sided = "ghost_stage" in arrays and bool((arrays["ghost_stage"] == INTERIOR).any())
         self.struct = self.ffi.new("SymmetricBlockMatrix *", {"rows": self.rows, **pointers})
-        columns_and_offsets = (
-            self.pointer(array.astype(np.int32)) for array in (indices, diagonal.offset)
-        )
-        if one_sided or self.lib.matrix_order(
-            self.struct, self.pointer(stage), *columns_and_offsets
-        ):
+        offsets = self.ffi.NULL if own else self.pointer(diagonal.offset.astype(np.int32))
+        if one_sided or self.lib.matrix_order(self.struct, self.pointer(stage), offsets):
             raise BadInput(
                 "the built-in linear solver: expected a matrix with a diagonal block in every row "
                 "and a symmetric pattern (set -ksp_type for another solver)"
@@ -154,12 +170,28 @@ class SymmetricBlockMatrix:
             halo.end(vector)
         return float(run(self.struct, EARLY + LATE - first, *rest))
 
+    def separate(self) -> SymmetricBlockMatrix:
+        """Return a matrix whose `copy_floats` and `fill` do not change this one, of its pattern."""
+        other = copy(self)
+        own = {name: self.arrays[name].copy() for name in _SWEPT if name in self.arrays}
+        other.arrays, other.translations = self.arrays | own, self.translations.copy()
+        other.struct = self.ffi.new("SymmetricBlockMatrix *", self.struct[0])
+        for name, array in own.items():
+            setattr(other.struct, name, other.pointer(array))
+        return other
+
+    def copy_floats(self, of: SymmetricBlockMatrix) -> None:
+        """Copy the floats of U and of other ranks' columns from the matrix of `separate`."""
+        for name in _SWEPT[:2]:
+            if name in self.arrays:
+                np.copyto(self.arrays[name], of.arrays[name])
+
     def pointer(self, array: Array) -> CData:
         """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
         return build.pointer(self.ffi, array)
 
     def fill(self, values: int, off_diagonal: int, scale: float) -> int:
-        """Copy an AIJ matrix's values, given by their addresses, times ``scale``; invert D.
+        """Copy an AIJ matrix's values, if any, at these addresses, times ``scale``; invert D.
 
         Returns
         -------
@@ -171,7 +203,7 @@ class SymmetricBlockMatrix:
         return int(self.lib.matrix_fill(self.struct, *addresses, scale, translations))
 
     def largest_diagonal_entry(self, values: int) -> float:
-        """Return max ``|A_ii|`` of an AIJ matrix; infinity if an entry is not finite."""
+        """Return max ``|A_ii|`` of the values at this address; infinity if one is not finite."""
         return float(self.lib.matrix_largest_diagonal(self.struct, *self.addresses(values)))
 
     def coupled_unknowns(self, values: int, off_diagonal: int) -> Array:
@@ -282,18 +314,18 @@ class BlockRows(NamedTuple):
     indices : (blocks,)
         Block columns; in the off-diagonal block, the index of the ghost node.
     row_offset : (rows,) int64
-        Offset of the first value of each block row.
+        Offset of the first value of each block row; None without an AIJ matrix.
     offset : (blocks,) int
-        Offset of the first value of each block.
+        Offset of the first value of each block, or None.
     stride : (rows,) int32
-        Values in each row of the AIJ matrix, the same in all rows of a block row.
+        Values in each row of the AIJ matrix, the same in all rows of a block row, or None.
     """
 
     indptr: Array
     indices: Array
-    row_offset: Array
-    offset: Array
-    stride: Array
+    row_offset: Any = None
+    offset: Any = None
+    stride: Any = None
 
 
 class DisplacementBlocks(NamedTuple):
@@ -360,10 +392,9 @@ def part_of(A: PETSc.Mat, unknowns: int, components: int) -> PETSc.Mat:
 
 
 def stored_in(A: PETSc.Mat) -> PETSc.Mat:
-    """Return the AIJ matrix that stores the values of ``A``: ``A``, or the whole of `part_of`."""
-    if A.getType() == PETSc.Mat.Type.PYTHON:
-        return A.getPythonContext().whole
-    return A
+    """Return the matrix that stores the values of ``A``: ``A``, or the whole of `part_of`."""
+    context = A.getPythonContext() if A.getType() == PETSc.Mat.Type.PYTHON else None
+    return context.whole if isinstance(context, _Part) else A
 
 
 def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:

@@ -49,7 +49,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.block_pattern import BlockPattern
 from fem_snh.linalg.block_matrix import (
     FUNCTIONS,
     DisplacementBlocks,
@@ -208,23 +207,22 @@ class Deflation:
 
     def _create_space(self, blocks: DisplacementBlocks, subdomains: int) -> tuple[Array, Array]:
         """Create the C struct; return (row, column) of the blocks of E that this rank adds to."""
-        matrix, rows, subdomain = self._matrix, self._matrix.rows, self.subdomain
-        own = np.arange(rows, dtype=np.int32)
-        parts = [
-            (np.repeat(own, np.diff(part.indptr)), subdomain[part.indices + shift])
-            for part, shift in ((blocks.diagonal, 0), (blocks.off_diagonal, rows))
-            if part is not None
-        ]
-        row_of_block, of_column = (np.concatenate(part) for part in zip(*parts, strict=True))
-        pairs = BlockPattern(row_of_block, of_column, rows, subdomains)
-        row, pair_subdomain = pairs.rows(), pairs.indices
+        matrix, rows = self._matrix, self._matrix.rows
+        subdomain = np.ascontiguousarray(self.subdomain, np.int32)
+        diagonal = blocks.diagonal.indptr, blocks.diagonal.indices
+        pattern = [np.ascontiguousarray(array, np.int32) for array in diagonal]
+        start, work = np.zeros(rows + 1, np.int32), np.zeros(subdomains, np.int32)
+        given = [matrix.pointer(array) for array in (*pattern, subdomain, work, start)]
+        count = matrix.lib.coarse_pairs(matrix.struct, *given, matrix.ffi.NULL)
+        pair_subdomain = np.zeros(count, np.int32)
+        matrix.lib.coarse_pairs(matrix.struct, *given, matrix.pointer(pair_subdomain))
+        row = np.repeat(np.arange(rows), np.diff(start))
         pair = subdomain[row].astype(np.int64) * subdomains + pair_subdomain
         block, pair_block = np.unique(pair, return_inverse=True)
         self.arrays = {  # the struct holds pointers: the arrays must live as long
-            "subdomain": np.ascontiguousarray(subdomain, np.int32),
+            "subdomain": subdomain,
             "functions": self.functions,
-            "aij_column": np.ascontiguousarray(blocks.diagonal.indices, np.int32),
-            "pair_start": pairs.indptr.astype(np.int32),
+            "pair_start": start,
             "pair_subdomain": pair_subdomain,
             "pair_block": pair_block.astype(np.int32),
             "image": np.zeros((len(pair_subdomain), matrix.size, self._columns), np.float32),
@@ -240,7 +238,7 @@ class Deflation:
         Parameters
         ----------
         values, off_diagonal : int
-            Addresses of the AIJ matrix's values, which are multiplied by ``scale``.
+            Addresses of the AIJ matrix's values, which are multiplied by ``scale``; 0 without one.
 
         Returns
         -------
@@ -250,8 +248,15 @@ class Deflation:
         matrix = self._matrix
         self._update_functions(matrix.coupled_unknowns(values, off_diagonal))
         E = np.zeros((self._num_blocks, self._columns, self._columns))
-        addresses = matrix.addresses(values, off_diagonal)
-        matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, matrix.pointer(E))
+        if values:
+            given = *matrix.addresses(values, off_diagonal), scale
+            matrix.lib.coarse_assemble(matrix.struct, self.struct, *given, matrix.pointer(E))
+        else:
+            bandwidth = matrix.ffi.new("int *")
+            window = matrix.lib.coarse_window(matrix.struct, self.struct, bandwidth)
+            sums = np.zeros((window, matrix.size**2, FUNCTIONS))
+            given = bandwidth[0], window, matrix.pointer(sums), matrix.pointer(E)
+            matrix.lib.coarse_assemble_half(matrix.struct, self.struct, *given)
         return self.E.update(E)
 
     def _update_functions(self, free: Array) -> None:
@@ -313,7 +318,7 @@ class BodyModes:
     free : (rows, components) bool
         Which displacements are coupled to others; the other displacements are prescribed.
     scale : float
-        One over the largest diagonal entry of A.
+        One over the largest diagonal entry of A, within a factor of 2.
     """
 
     def __init__(self, A: PETSc.Mat, coordinates: Array, free: Array, scale: float) -> None:

@@ -29,6 +29,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import (
+    as_aij,
     expect_definite_matrix,
     expect_singular_matrix,
     factors_out_of_memory,
@@ -110,11 +111,11 @@ class SymmetricFactors:
     Parameters
     ----------
     A : PETSc.Mat
-        An AIJ matrix; its constrained rows have only a positive diagonal entry.
+        An AIJ matrix or a half; its constrained rows have only a positive diagonal entry.
     """
 
     def __init__(self, A: PETSc.Mat) -> None:
-        self._A, self._ksp = A, PETSc.KSP().create(A.comm)
+        self._A, self._ksp = as_aij(A), PETSc.KSP().create(A.comm)
         set_direct_solver(self._ksp)
         expect_singular_matrix(self._ksp)
 

@@ -39,6 +39,8 @@ Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import inf, isfinite, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -58,6 +60,7 @@ from fem_snh.linalg.block_matrix import (
     open_kernels,
     stored_in,
 )
+from fem_snh.linalg.half_matrix import HalfMatrix
 
 if TYPE_CHECKING:
     from fem_snh.linalg.deflation import BodyModes, Deflation
@@ -87,7 +90,8 @@ def context_of(ksp: PETSc.KSP) -> EisenstatCG | None:
 class EisenstatCG:
     """A KSP of type "python" for a symmetric matrix of 2x2 or 3x3 blocks. Collective.
 
-    The matrix is an AIJ matrix or one of `fem_snh.linalg.block_matrix.part_of`.
+    The matrix is an AIJ matrix, one of `fem_snh.linalg.block_matrix.part_of`, or that of a
+    `fem_snh.linalg.half_matrix.HalfMatrix`, whose floats are used as they are.
 
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see
@@ -141,7 +145,7 @@ class EisenstatCG:
         return self._made
 
     def update_matrix(self, A: PETSc.Mat) -> None:
-        """Update the single-precision copy of the matrix and its deflation space.
+        """Update the preconditioner, the copy of an AIJ matrix and the deflation space.
 
         Nothing is done if neither the matrix object nor its values changed. The sparsity pattern is
         read if it or the matrix object changed.
@@ -306,7 +310,7 @@ class CycleStart(NamedTuple):
 
 
 class SSORSystem:
-    r"""A symmetric AIJ matrix, its preconditioner and the vectors of CG. Collective.
+    r"""A symmetric matrix, its preconditioner and the vectors of CG. Collective.
 
     The vectors are those of Saad's algorithm for :math:`\hat A`: x, r, z, p, q = A-hat p, and
     t = (D + L)^-T p, whose multiples add up to x.
@@ -314,23 +318,25 @@ class SSORSystem:
     Parameters
     ----------
     A : PETSc.Mat
-        A matrix of 2x2 or 3x3 blocks, or one of `fem_snh.linalg.block_matrix.part_of`; its pattern
-        is read here, its values by `update`.
+        A matrix of 2x2 or 3x3 blocks, as for `EisenstatCG`; its pattern is read here, its values by
+        `update`.
     coordinates : (rows, dim) or None
         Reference coordinates of this rank's nodes; without them there is no deflation.
     subdomains : int
         Number of deflation subdomains, 0 for none, AUTOMATIC for a number by the matrix's size.
+    separate : bool
+        Whether the preconditioner must stay as it is when a half is assembled again.
 
     Attributes
     ----------
     matrix : SymmetricBlockMatrix
-        The copy of this rank's rows.
+        The half of this rank's rows.
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
     deflation : Deflation or None
         The deflation space, if there is one.
     scale : float
-        The factor of the copy's values.
+        The factor of its values.
 
     Raises
     ------
@@ -344,6 +350,7 @@ class SSORSystem:
         A: PETSc.Mat,
         coordinates: np.ndarray | None,
         subdomains: int = AUTOMATIC,
+        separate: bool = False,
     ) -> None:
         block = A.getBlockSize()
         if block not in BLOCK_SIZES:
@@ -353,11 +360,15 @@ class SSORSystem:
             )
         self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
         self._pattern, self._coordinates = _pattern(A), coordinates
-        library = open_kernels(self.comm, block)
-        blocks = displacement_blocks(A)
-        shared = blocks.off_diagonal is not None
-        self.halo = Halo(self.comm, blocks.first, blocks.ghosts, block) if shared else None
-        self.matrix = on_every(self.comm, SymmetricBlockMatrix, library, block, blocks, self.halo)
+        if half := _half_of(A):
+            self.halo, blocks = half.halo, half.blocks
+            self.matrix = half.matrix.separate() if separate else half.matrix
+        else:
+            library, blocks = open_kernels(self.comm, block), displacement_blocks(A)
+            shared = blocks.off_diagonal is not None
+            self.halo = Halo(self.comm, blocks.first, blocks.ghosts, block) if shared else None
+            given = library, block, blocks, self.halo
+            self.matrix = on_every(self.comm, SymmetricBlockMatrix, *given)
         self._total = np.zeros(1)
         self.deflation: Deflation | None = None
         if subdomains == AUTOMATIC and coordinates is not None:
@@ -381,20 +392,22 @@ class SSORSystem:
         return self._pattern == _pattern(A)
 
     def update(self, A: PETSc.Mat) -> int:
-        """Copy the values of A, scaled to a largest diagonal entry of 1; update the deflation.
+        """Copy the values of A, if AIJ, scaled to a largest diagonal entry of 1; update the rest.
 
         Returns
         -------
         int
             0, or a negative ``KSP.ConvergedReason`` if the matrix is not finite or indefinite.
         """
-        with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
-            largest = self.matrix.largest_diagonal_entry(diagonal.values)
+        with _values(A) as values:
+            largest = self.matrix.largest_diagonal_entry(values[0])
             largest = self.comm.allreduce(largest, op=MPI.MAX)
             if not isfinite(largest):
                 return int(_Reason.DIVERGED_NANORINF)
-            self.scale = 1 / largest if largest > 0 else 1.0
-            values = diagonal.values, off_diagonal[0].values if off_diagonal else 0
+            half = _half_of(A)
+            if half and self.matrix is not half.matrix:
+                self.matrix.copy_floats(half.matrix)
+            self.scale = half.scale if half else 1 / largest if largest > 0 else 1.0
             if self.comm.allreduce(self.matrix.fill(*values, self.scale)):
                 return int(_Reason.DIVERGED_INDEFINITE_PC)
             return self.deflation.update(*values, self.scale) if self.deflation else 0
@@ -410,8 +423,7 @@ class SSORSystem:
             return None
         from fem_snh.linalg.deflation import BodyModes
 
-        with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
-            values = diagonal.values, off_diagonal[0].values if off_diagonal else 0
+        with _values(A) as values:
             free = matrix.coupled_unknowns(*values)
         return BodyModes(A, X, free, self.scale)
 
@@ -492,6 +504,22 @@ class SSORSystem:
         return float(self._total[0])
 
 
+def _half_of(A: PETSc.Mat) -> HalfMatrix | None:
+    """Return the `HalfMatrix` of a matrix; None for another one."""
+    context = A.getPythonContext() if A.getType() == PETSc.Mat.Type.PYTHON else None
+    return context if isinstance(context, HalfMatrix) else None
+
+
+@contextmanager
+def _values(A: PETSc.Mat) -> Iterator[tuple[int, int]]:
+    """Yield the addresses of the values of an AIJ matrix; 0 where there are none."""
+    if _half_of(A):
+        yield 0, 0
+        return
+    with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
+        yield diagonal.values, off_diagonal[0].values if off_diagonal else 0
+
+
 def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
     """Return numbers that identify a matrix object and its sparsity pattern."""
     return A.handle, nonzero_state(stored_in(A))
@@ -514,7 +542,7 @@ def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
 
 
 class SSOR:
-    r"""A PC of type "python" for a symmetric AIJ matrix of 2x2 or 3x3 blocks. Collective.
+    r"""A PC of type "python" for a symmetric matrix of 2x2 or 3x3 blocks. Collective.
 
     .. math:: M = (D + L)\, D^{-1} (D + L)^T
 
@@ -531,7 +559,7 @@ class SSOR:
         """Copy the matrix; PETSc calls this where its values have changed."""
         P = pc.getOperators()[1]
         if self._system is None or not self._system.fits(P):
-            self._system = SSORSystem(P, None)
+            self._system = SSORSystem(P, None, separate=True)
         self._failed = bool(self._system.update(P))
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:

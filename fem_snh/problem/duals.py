@@ -193,5 +193,5 @@ def assemble_hessian(problem: Problem, ksp: PETSc.KSP, filter: str) -> None:
     """Assemble a problem's Hessian at its present state for a linear solver. Collective."""
     problem.jacobian(problem.x, filter)
     if problem.saddle_point:
-        problem.saddle_point.update_schur_approximation(problem.A)
-    set_operators(ksp, outer_operator(ksp, problem.operator, problem.A), problem.A)
+        problem.saddle_point.update_schur_approximation(problem.P)
+    set_operators(ksp, outer_operator(ksp, problem.operator, problem.P), problem.P)

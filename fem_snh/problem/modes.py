@@ -353,7 +353,7 @@ def check(problem: Problem, count: int) -> None:
     forces = [term for term in problem.terms if not term.has_energy and term is not problem.rigid]
     if forces or problem.regime.inertia:
         raise no_energy("modes", in_time=not forces)
-    if problem.operator != problem.A:
+    if not problem.is_assembled:
         raise BadInput("modes: the Hessian has a matrix of rank one: expected no cavity")
     if problem.saddle_point:
         raise BadInput(

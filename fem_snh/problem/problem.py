@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh._petsc import aij_blocks, vector_like
+from fem_snh._petsc import as_aij, vector_like
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
@@ -49,6 +49,7 @@ from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.term import CouplingTerm, StepLimit, Term
 
 if TYPE_CHECKING:
+    from fem_snh.assembly.assembled_matrix import BlockMatrix
     from fem_snh.problem.definition import Definition
     from fem_snh.problem.mixed.taylor_hood import PressureBlock
     from fem_snh.terms.rigid_parts import RigidParts
@@ -98,13 +99,6 @@ class Problem:
         vector that was evaluated last, ghosts included.
     x : PETSc.Vec
         The unknowns; each rank has its displacement dofs first, then its pressure dofs if any.
-    matrix : BlockMatrix
-        The matrix to which the terms add their Hessians.
-    A : PETSc.Mat
-        The PETSc matrix of ``matrix``, which `jacobian` fills. Without an unknown pressure its near
-        null space holds the rigid motions.
-    operator : PETSc.Mat
-        The Hessian: ``A``, or a MATLRC that adds matrices of rank one if a term has them.
     saddle_point : PressureBlock or None
         The pressure block; None without an unknown pressure.
     terms : list of Term
@@ -186,8 +180,7 @@ class Problem:
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         self.elastic = Elastic(self.V, element, regions, unknowns.Q, scale)
-        self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained, dirichlet.planes)
-        self.A = self.matrix.mat
+        self._half = False
         if self.rigid:
             eliminated = self.rigid.eliminate(self.matrix)
             self.constrained_dofs = np.union1d(self.constrained_dofs, eliminated)
@@ -197,10 +190,7 @@ class Problem:
 
             idle = np.flatnonzero(~nodes_of_other_cells(unknowns.Q, self.rigid_cells))
             self.matrix.idle = self.owned_displacements + idle
-            self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A, idle)
-        else:
-            motions = rigid_motions(self.comm, self.coordinates, dirichlet.project, self.kinematics)
-            self.A.setNearNullSpace(motions)
+            self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.P, idle)
         self.terms: list[Term] = [self.elastic, *terms]
         self.history = TermHistory(self.terms)
         self.largest_step = StepLimit.of(
@@ -209,9 +199,51 @@ class Problem:
         self.coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
         self._asymmetric_terms = [term for term in self.terms if not term.symmetric]
         self.asymmetric = False
-        self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
-        self.operator = self._rank_one.mat if self._rank_one else self.A
+        self._rank_one = RankOneUpdate.of(self.terms, lambda: self.P, self.V, self.project)
         self.seconds = {"assemble": 0.0}
+
+    @cached_property
+    def matrix(self) -> BlockMatrix:
+        """The matrix to which the terms add their Hessians, made on first use. Collective."""
+        V, unknowns, dirichlet = self.V, self._unknowns, self.dirichlet
+        unit = self.force_scale / self.length if self._half else None
+        matrix = create_matrix(V, unknowns.Q, dirichlet.constrained, dirichlet.planes, unit)
+        if unknowns.Q is None:
+            motions = rigid_motions(self.comm, self.coordinates, dirichlet.project, self.kinematics)
+            matrix.mat.setNearNullSpace(motions)
+        return matrix
+
+    def store_half(self) -> None:
+        """Let `matrix` store the half that the built-in linear solver reads, not AIJ, if it may.
+
+        It may not once it exists, as it does with unknown pressures, rigid parts and matrices of
+        rank one; nor with inclined planes, nor if a term needs AIJ or has no symmetric Hessian.
+        """
+        exists, aij = "matrix" in self.__dict__, any(term.needs_aij for term in self.terms)
+        self._half = not (exists or aij or self._asymmetric_terms or self.dirichlet.planes)
+
+    @property
+    def P(self) -> PETSc.Mat:
+        """The Mat that `jacobian` fills, of type AIJ, or "python" for a half. Collective.
+
+        Without an unknown pressure its near null space holds the rigid motions.
+        """
+        return self.matrix.mat
+
+    @property
+    def A(self) -> PETSc.Mat:
+        """`P` as an AIJ matrix, always the same object: a copy if a half is stored. Collective."""
+        return as_aij(self.P)
+
+    @property
+    def is_assembled(self) -> bool:
+        """Whether the Hessian is `P` alone, without matrices of rank one."""
+        return self._rank_one is None
+
+    @property
+    def operator(self) -> PETSc.Mat:
+        """The Hessian: `P`, or a MATLRC that adds matrices of rank one if a term has them."""
+        return self._rank_one.mat if self._rank_one else self.P
 
     @property
     def num_cells(self) -> int:
@@ -332,7 +364,7 @@ class Problem:
         whole = sizes + positions
         extents = [term.extent for term in self.terms]
         whole.shift(max([*extents, self.length]))
-        if _EPS * self.A.norm(PETSc.NormType.NORM_INFINITY) * whole.norm() < least:
+        if _EPS * self.P.norm(PETSc.NormType.NORM_INFINITY) * whole.norm() < least:
             return 0.0
         at_rest = sizes.max()[1] <= _EPS * self.length
         decisive, force = np.zeros(len(positions.array_r), bool), self.x.duplicate()
@@ -354,12 +386,7 @@ class Problem:
         sizes.array[decisive] += positions.array_r[decisive]
         if any(term.rounds_identity for term in self.terms):
             sizes.array[:] += self.length / self.regime.nodes ** (1 / self.kinematics.dim)
-        absolute, product = self.A.duplicate(copy=True), self.x.duplicate()
-        with aij_blocks(absolute) as blocks:
-            for block in blocks:
-                np.abs(block.array(), out=block.array())
-        absolute.mult(sizes, product)
-        absolute.destroy()
+        product = self.matrix.absolute_product(sizes)
         self.project(product.array)
         return float(_EPS * product.norm())
 
@@ -497,7 +524,7 @@ class Problem:
 
     @timed
     def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
-        """Fill ``A`` with the Hessian d2E/dx2 [N/m], and set `asymmetric`. Collective.
+        """Fill `P` with the Hessian d2E/dx2 [N/m], and set `asymmetric`. Collective.
 
         Parameters
         ----------
@@ -530,7 +557,7 @@ class Problem:
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
         may_be = whole and filter == "exact" and not self.symmetric
-        self.asymmetric = may_be and not is_symmetric(self.A)
+        self.asymmetric = may_be and not is_symmetric(self.P)
         return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:

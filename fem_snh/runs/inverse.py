@@ -539,7 +539,7 @@ class InverseProblem:
         """
         problem = setup.problem
         direct = PETSc.KSP().create(problem.comm)
-        if problem.operator == problem.A:
+        if problem.is_assembled:
             set_direct_solver(direct)
         else:
             set_direct_solver_of_sum(direct)

@@ -9,7 +9,7 @@ problem is dropped. So `record_solver` records the communicators when a solver i
 objects, and puts the list back. An object that Python drops in between, as a SNES that refers to
 it is destroyed, is put on another list, which is overwritten: the object is never destroyed. So
 `free_unused` keeps the objects to which a SNES refers until the SNES is destroyed, and the contexts
-of the linear solvers until these solvers are destroyed.
+of linear solvers and matrices until these are destroyed.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def record_solver(problem: object, snes: PETSc.SNES, *objects: PETSc.Object) -> 
     newton = snes.getPythonContext()
     solvers = [snes.getKSP(), *([newton.trust_ksp] if newton.trust_ksp is not None else [])]
     parts = [part for ksp in solvers for part in (ksp, ksp.getPC())]
-    python = [part for part in parts if part.getType() == "python"]
+    python = [part for part in (*parts, *objects) if part.getType() == "python"]
     # A duplicate is PETSc's own communicator with one more reference: it outlives the problem.
     comms = [item.comm.duplicate() for item in (*objects, snes)]
     linear = [ref(part.getPythonContext()) for part in python]

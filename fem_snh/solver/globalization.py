@@ -270,17 +270,15 @@ def trust_region_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str, direct: bool = 
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOptionsPrefix(f"{prefix}trust_")
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
-    set_operators(ksp, A, P)
     ksp.setType("stcg")
     if direct:
         set_direct_factors(ksp.getPC())
-    elif P.getBlockSize() == 3:
+    else:
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(SSOR())
-    else:  # in two dimensions
-        ksp.getPC().setType(PETSc.PC.Type.SOR)
     ksp.setFromOptions()
     if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
+        set_operators(ksp, A, P)
         ksp.getPC().setUp()  # the blocks read their options now, and only now
     choose("trust_ksp_type", ksp.getType(), SOLVERS)
     return ksp

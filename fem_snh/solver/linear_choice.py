@@ -98,7 +98,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     regime = problem.regime
     if choose("snes_linear_solver", wanted, CHOICES) != CHOICES[0]:
         return LinearChoice(wanted == "direct")
-    if problem.operator != problem.A:
+    if not problem.is_assembled:
         reason = "a load adds matrices of rank one, which are applied without being assembled"
         few = regime.dimension == 2 or problem.saddle_point is not None
         if few and regime.nodes <= MAX_NODES:
@@ -209,7 +209,7 @@ class AsymmetricSolver:
         iterative = not self._choice.direct and (chosen or large)
         if iterative:
             ksp.getPC().setType(PETSc.PC.Type.BJACOBI)
-        if iterative or problem.operator != problem.A:  # the factors lack matrices of rank one
+        if iterative or not problem.is_assembled:  # the factors lack matrices of rank one
             ksp.setType(PETSc.KSP.Type.GMRES)
             ksp.setGMRESRestart(_MAX_IT)
             ksp.setTolerances(rtol=rtol, atol=atol, max_it=_MAX_IT)

@@ -264,11 +264,11 @@ class Predictor:
         rhs, step = linearised_residual(problem), self.problem.x.duplicate()
         problem.jacobian(x, "clamp")
         if problem.saddle_point:
-            problem.saddle_point.update_schur_approximation(problem.A)
+            problem.saddle_point.update_schur_approximation(problem.P)
         ksp = self.snes.getKSP()
         smallest = _SADDLE_RTOL if problem.saddle_point else _RTOL
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], smallest)):
-            set_operators(ksp, outer_operator(ksp, problem.operator, problem.A), problem.A)
+            set_operators(ksp, outer_operator(ksp, problem.operator, problem.P), problem.P)
             ksp.solve(rhs, step)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:

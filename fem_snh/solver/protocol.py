@@ -115,10 +115,10 @@ class SolvableProblem(Protocol):
     comm : communicator of mpi4py
     x : Vec
         The unknowns.
-    A : Mat
+    P : Mat
         The matrix that `jacobian` assembles.
     operator : Mat
-        The Hessian: ``A``, or the sum of ``A`` and matrices of low rank.
+        The Hessian: ``P``, or the sum of ``P`` and matrices of low rank.
     length : float
         V^(1/3) [m], V the reference volume; on a plane the square root of the area.
     force_scale : float
@@ -131,12 +131,25 @@ class SolvableProblem(Protocol):
 
     comm: MPI.Intracomm
     x: PETSc.Vec
-    A: PETSc.Mat
-    operator: PETSc.Mat
     length: float
     force_scale: float
     load: float
     asymmetric: bool
+
+    @property
+    def P(self) -> PETSc.Mat:
+        """Return the matrix; the first access makes it. Collective."""
+
+    @property
+    def operator(self) -> PETSc.Mat:
+        """Return the Hessian. Collective."""
+
+    @property
+    def is_assembled(self) -> bool:
+        """Return whether the Hessian is ``P`` alone."""
+
+    def store_half(self) -> None:
+        """Let ``P`` be stored as `EisenstatCG` reads it, if it is not made yet and may be."""
 
     @property
     def symmetric(self) -> bool:
@@ -208,7 +221,7 @@ class SolvableProblem(Protocol):
         """Set ``r`` to the energy's gradient [N], zero at constrained unknowns. Collective."""
 
     def jacobian(self, x: PETSc.Vec, filter: str, whole: bool = False) -> int:
-        """Assemble the Hessian into ``A``; return the number of filtered points. Collective.
+        """Assemble the Hessian into ``P``; return the number of filtered points. Collective.
 
         ``filter`` is one of `fem_snh.choices.FILTERS`. Forces without an energy add the symmetric
         part of their derivative, or, if ``whole`` and the filter is "exact", all of it.

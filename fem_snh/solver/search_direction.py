@@ -23,6 +23,7 @@ import numpy as np
 
 from fem_snh._petsc import (
     NEGATIVE_CURVATURE,
+    as_aij,
     factors_out_of_memory,
     jacobi_cg,
     negative_pivots,
@@ -122,7 +123,7 @@ class Solution:
         """
         ksp, iterated, before = PETSc.KSP().create(self.d.comm), self.d.copy(), self.relative
         try:
-            ksp.setOperators(self.A, self.P)
+            ksp.setOperators(self.A, as_aij(self.P))
             ksp.setType(PETSc.KSP.Type.FGMRES)
             ksp.setTolerances(rtol=_ROUNDING, atol=0.0, max_it=_FACTORS_MAX_IT)
             set_direct_factors(ksp.getPC())

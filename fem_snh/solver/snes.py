@@ -111,11 +111,11 @@ def create(
     if problem.has_energy:
         snes.setObjective(lambda snes, x: problem.energy(x))
     snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
-    snes.setJacobian(context.jacobian, problem.operator, problem.A)
     snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=_MAX_IT)
     snes.setMaxFunctionEvaluations(_NO_LIMIT)
     ksp = snes.getKSP()
     context.linear_choice = _configure_linear_solver(ksp, problem, prefix)
+    snes.setJacobian(context.jacobian, problem.operator, problem.P)
     if not problem.symmetric:
         context.asymmetric = AsymmetricSolver(problem, ksp, context.linear_choice)
     region = globalization == "trust_region"
@@ -127,16 +127,16 @@ def create(
             snes.setFromOptions()
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the blocks read their options now, and only now
-            if problem.operator != problem.A:
+            if not problem.is_assembled:
                 _check_inverse_of_sum(ksp)
             if region:
                 context.trust_ksp = trust_region_solver(
-                    problem.operator, problem.A, prefix, context.linear_choice.direct
+                    problem.operator, problem.P, prefix, context.linear_choice.direct
                 )
     except (PETSc.Error, ImportError) as error:  # an option may name a class of Python
         raise BadInput(f"PETSc rejects an option under -{prefix}: {cause_of(error)}") from None
     parts = (saddle.schur_approximation, *saddle.fields) if saddle else ()
-    objects = [problem.x, problem.A, *parts]
+    objects = [problem.x, problem.P, *parts]
     record_solver(problem, snes, *objects)
     return snes
 
@@ -191,21 +191,22 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
     choice = LinearChoice(False) if named else choose_linear_solver(problem, wanted)
     dimension = problem.regime.dimension
     coordinates = problem.coordinates[:, :dimension]
-    if choice.direct and problem.operator != problem.A:
+    if choice.direct and not problem.is_assembled:
         set_direct_solver_of_sum(ksp)
     elif choice.direct:
-        small = dimension == 2 and problem.A.comm.size == 1 and problem.A.getSize()[0] <= MAX_SMALL
+        small = dimension == 2 and problem.comm.size == 1 and problem.x.getSize() <= MAX_SMALL
         set_direct_solver(ksp, small and not problem.saddle_point)
         if problem.pressure_level_is_free:
             expect_singular_matrix(ksp)
     elif problem.saddle_point:
-        saddle_point.configure(ksp, problem.A, problem.saddle_point, coordinates, prefix)
-    elif problem.operator != problem.A:
+        saddle_point.configure(ksp, problem.P, problem.saddle_point, coordinates, prefix)
+    elif not problem.is_assembled:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
         # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.
         ksp.getPC().setType(PETSc.PC.Type.SOR)
         ksp.setType(PETSc.KSP.Type.CG)
     elif not named:
+        problem.store_half()
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG(coordinates))
         ksp.getPC().setType(PETSc.PC.Type.NONE)

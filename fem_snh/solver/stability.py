@@ -81,7 +81,7 @@ def no_energy(asked: str, in_time: bool) -> BadInput:
 class EquilibriumStability:
     """The stability of equilibria, by sparse factors of the exact Hessian. Collective.
 
-    The methods assemble into ``problem.A``.
+    The methods assemble into ``problem.P``.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class EquilibriumStability:
         factors = SymmetricFactors(self._assembled(start.x))
         try:
             negative, d = self._count(factors), None
-            if negative > 0 and self._problem.operator == self._problem.A:
+            if negative > 0 and self._problem.is_assembled:
                 d = factors.negative_direction(negative, _wave(self._problem))
         finally:
             factors.destroy()
@@ -189,17 +189,17 @@ class EquilibriumStability:
         negative = factors.factorise() - self.expected
         if self.expected:  # a pressure that acts on constrained nodes alone has a row of zeros
             negative += factors.null_pivots
-        if self._problem.operator != self._problem.A:
+        if not self._problem.is_assembled:
             negative -= factors.removed_by(self._problem.operator)
         return negative
 
     def shift_free_rotations(self, x: PETSc.Vec, least: float = 0.0) -> None:
-        """Make the eigenvalues of rotations that nothing constrains positive in ``problem.A``.
+        """Make the eigenvalues of rotations that nothing constrains positive in ``problem.P``.
 
         Rounding and the residual at ``x`` give these eigenvalues any sign. The diagonal is
         multiplied by 1 plus the larger of ``least`` and a bound of their magnitude. Collective.
         """
-        A = self._problem.A
+        A = self._problem.P
         rotations = self._free_rotations(x)
         if not (least or rotations):
             return
@@ -208,10 +208,10 @@ class EquilibriumStability:
         A.setDiagonal(diagonal)
 
     def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
-        """Return ``problem.A``, the exact Hessian at ``x``, with zero eigenvalues made positive."""
+        """Return ``problem.P``, the exact Hessian at ``x``, with zero eigenvalues made positive."""
         self._problem.jacobian(x, "exact")
         self.shift_free_rotations(x, _ZERO)
-        return self._problem.A
+        return self._problem.P
 
     def _free_rotations(self, x: PETSc.Vec) -> list[PETSc.Vec]:
         r"""Return the rotations :math:`\omega \times x` that nothing constrains. Collective."""
@@ -286,7 +286,7 @@ def negative_eigenvalues(problem: SolvableProblem, ksp: PETSc.KSP) -> int | None
     ksp : PETSc.KSP
         Its linear solver, which is set up anew.
     """
-    cheap, iterative = are_factors_cheap(problem), problem.operator == problem.A
+    cheap, iterative = are_factors_cheap(problem), problem.is_assembled
     if iterative:
         problem.jacobian(problem.x, "exact")
         if is_definite(problem, ksp):
@@ -300,7 +300,7 @@ def negative_eigenvalues(problem: SolvableProblem, ksp: PETSc.KSP) -> int | None
 
 @callback_errors()
 def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
-    """Return whether the displacement's block of ``problem.A`` is positive definite. Collective.
+    """Return whether the displacement's block of ``problem.P`` is positive definite. Collective.
 
     None if iterations do not decide. Changes the matrix by `shift_free_rotations`.
 
@@ -318,7 +318,7 @@ def is_definite(problem: SolvableProblem, ksp: PETSc.KSP) -> bool | None:
     cg = blocks.u if isinstance(blocks, BlockTriangular) else ksp
     if context_of(cg) is None:
         return None
-    diagonal = problem.A.getDiagonal()
+    diagonal = problem.P.getDiagonal()
     x, b = cg.getOperators()[0].createVecs()
     # With this factor the components in all eigenvectors are about equally large.
     size = len(b.array_r)
@@ -349,7 +349,7 @@ def has_negative_curvature(problem: SolvableProblem, ksp: PETSc.KSP) -> bool:
     basis, T = [], np.zeros((_LANCZOS, _LANCZOS))
     comm, f, x = problem.comm, noise(problem), problem.x.duplicate()
     problem.jacobian(problem.x, "clamp")
-    problem.saddle_point.update_schur_approximation(problem.A)
+    problem.saddle_point.update_schur_approximation(problem.P)
 
     def assemble() -> None:
         problem.jacobian(problem.x, "exact")
@@ -357,7 +357,7 @@ def has_negative_curvature(problem: SolvableProblem, ksp: PETSc.KSP) -> bool:
 
     with (
         relative_tolerance(ksp, _INVERSE_RTOL),
-        frozen_preconditioner(ksp, problem.operator, problem.A, assemble),
+        frozen_preconditioner(ksp, problem.operator, problem.P, assemble),
     ):
         for k in range(_LANCZOS):
             f.array[size:] = 0.0

@@ -148,7 +148,7 @@ class StepSolver:
         """Whether failed steps, unless given up, are solved again by `Rescue`: with contact."""
         problem = self.problem
         touches = any(term.is_contact for term in problem.terms) and problem.motion is None
-        assembled = problem.operator == problem.A and bool(problem.regions)
+        assembled = problem.is_assembled and bool(problem.regions)
         return touches and assembled and problem.regime.nodes <= MAX_NODES
 
     def _attempts(self) -> Sequence[bool]:

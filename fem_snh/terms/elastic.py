@@ -160,8 +160,7 @@ class Elastic(Term):
         values, pressure = local_values(u), _if_any(local_values, p)
         filtered = 0
         for part, struct in zip(self.parts, self._structs(target), strict=True):
-            for k, address in enumerate(target.addresses):
-                struct.values[k] = part.loops.address(address)
+            part.loops.set_addresses(struct, target.addresses)
             turned = None
             if rotations is not None:
                 cells = selection(part.region.cells, len(rotations))

@@ -74,13 +74,13 @@ class RankOneUpdate:
     def of(
         cls,
         terms: Sequence[Any],
-        A: PETSc.Mat,
+        A: Callable[[], PETSc.Mat],
         V: _dolfinx.FunctionSpace,
         project: Callable[[npt.NDArray[Any]], None],
     ) -> RankOneUpdate | None:
-        """Return the update of the `RankOneTerm` among ``terms``; None without any."""
+        """Return the update of the `RankOneTerm` in ``terms``; None, without ``A()``, for none."""
         found = [term for term in terms if isinstance(term, RankOneTerm)]
-        return cls(A, V, found, project) if found else None
+        return cls(A(), V, found, project) if found else None
 
     def update(
         self, u: PETSc.Vec, force: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None

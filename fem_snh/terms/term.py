@@ -48,6 +48,8 @@ class Term:
     eliminates : bool
         Whether the displacements of some nodes are functions of a few unknowns, as in
         `fem_snh.terms.rigid_parts.RigidParts`.
+    needs_aij : bool
+        Whether `add_hessian` needs the problem's matrix in AIJ format.
     note : str
         A limitation that a user should know although the solver converges; empty for none.
     """
@@ -61,6 +63,7 @@ class Term:
     has_penalties: bool = False
     is_contact: bool = False
     eliminates: bool = False
+    needs_aij: bool = False
     note: str = ""
 
     @property
@@ -187,6 +190,8 @@ class ForceTerm(Term):
 
 class CouplingTerm(Term):
     """A term whose Hessian couples nodes that share no cell."""
+
+    needs_aij = True
 
     def couplings(self, u: PETSc.Vec) -> npt.NDArray[Any]:
         """Return the pairs of global nodes that the Hessian at ``u`` couples, (n, 2). Collective.

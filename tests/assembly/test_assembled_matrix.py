@@ -15,17 +15,23 @@ pytestmark = pytest.mark.mpi
 
 @pytest.mark.one_debian
 @pytest.mark.parametrize("leading", [False, True], ids=["all dofs", "displacement"])
-@pytest.mark.parametrize("element", ["Q1", "P2P1"])
-def test_element_matrices_are_summed(element: str, leading: bool) -> None:
+@pytest.mark.parametrize(
+    ("element", "half"), [("Q1", False), ("P2P1", False), ("Q1", True)], ids=["Q1", "P2P1", "half"]
+)
+def test_element_matrices_are_summed(element: str, half: bool, leading: bool) -> None:
     """In batches, some cells twice; constrained rows and columns are left out."""
     comm = MPI.COMM_WORLD
     p = problem(cube(comm, "tetrahedron" if element[0] == "P" else "hexahedron"), element,
                 hold=[Hold("left", ("x", "z"))])  # fmt: skip
+    if half:
+        p.store_half()
     dof_map = p.matrix._dof_map
     nodes = dof_map.num_cell_blocks[0] if leading else sum(dof_map.num_cell_blocks)
     sizes = dof_map.cell_block_sizes[:nodes]
     cells = np.concatenate([np.arange(len(dof_map.cell_blocks)), [0, 0]]).astype(np.int32)
     K = np.random.default_rng(comm.rank).standard_normal((len(cells), sizes.sum(), sizes.sum()))
+    if half:
+        K += K.transpose(0, 2, 1)
     with p.matrix.adding():
         for batch in np.array_split(np.arange(len(cells)), 3 + comm.rank):
             p.matrix.add_matrices(cells[batch], K[batch])

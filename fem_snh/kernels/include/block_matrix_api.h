@@ -12,6 +12,11 @@ enum { EARLY, INTERIOR, LATE };
  * early rows among them; R has the couplings of late rows to other ranks' late rows. Of the couplings between this
  * rank's rows only U = L^T is stored, its rows in the order of the sweeps. A block row of U with n blocks is BLOCK rows
  * of BLOCK n floats. The columns of other ranks are stored alike, as in PETSc's AIJ format.
+ *
+ * The values are copies of an AIJ matrix's. Or element matrices are added to them directly (cell_api.h): then there is no
+ * AIJ matrix, "_rest" arrays hold what the floats lack (split_double.h), and the addresses of its values are NULL in all functions.
+ * Its arrays aij_start, aij_column, aij_diagonal and half_offset are then there in `matrix_order`, and the first two in
+ * `matrix_to_aij`.
  * Arrays with "4 more" floats have them at the end, because the load of a last block reads beyond it. */
 typedef struct {
   int rows;                     /* block rows */
@@ -21,6 +26,7 @@ typedef struct {
   int *upper_column;            /* block columns of U */
   int *upper_value;             /* offset of each block's first value in the AIJ matrix's diagonal block */
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix's diagonal block */
+  const int *aij_column;        /* block column of each of these blocks, ascending in each row */
   int *aij_diagonal;            /* [rows] position of the diagonal block in a row of the AIJ matrix */
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
   const int *aij_stride;        /* [rows] values in each scalar row of a block row: its blocks' values, then others */
@@ -38,15 +44,20 @@ typedef struct {
   const float *ghosts;            /* [ghosts][BLOCK] values at the ghost nodes, as each function says */
   const float *other_ghosts;      /* [ghosts][BLOCK] likewise, of a second vector */
   float *shift;                   /* [rows][BLOCK] REMAINDER_WEIGHT times the absolute row sums of R */
+  float *own_diagonal;            /* [rows][ENTRIES] and 4 more: A's diagonal blocks; NULL for copies of an AIJ matrix, as the following ones */
+  int *own_diagonal_rest, *upper_rest, *off_diagonal_rest; /* the rest of A's values; 4 more each, and after off_diagonal */
+  int *place;                     /* [rows] index of each row in `order` */
+  int *half_offset;               /* offset of each block of `aij_column` in own_diagonal or U; -1 for a block below the diagonal */
 } SymmetricBlockMatrix;
 
 /* Write the stage of each row to stage[rows][BLOCK]. `start` and `column` are the pattern in other ranks' columns;
  * higher ranks own the ghosts from number `higher` on. */
 void matrix_stages(int rows, const int *start, const int *column, int higher, float *stage);
 
-/* Set `order`, `stage_start`, `aij_diagonal` and the pattern of U from the stages of the rows and from the columns and
- * values' offsets of the AIJ matrix's blocks. Returns 0, or 1 if the pattern is not symmetric with a full diagonal. */
-int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const int *offsets);
+/* Set `order`, `stage_start`, `aij_diagonal` and the pattern of U from the stages of the rows and from the values'
+ * offsets of the AIJ matrix's blocks, or `half_offset` and `place` without it. Returns 0, or 1 if the pattern is not
+ * symmetric with a full diagonal. */
+int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *offsets);
 
 /* Copy the values of an AIJ matrix's diagonal and off-diagonal block, times `scale`, add `shift` to D and invert D.
  * translations[BLOCK] = this rank's part of x.A x of the unit translations x, in double precision. Returns the number
@@ -54,7 +65,7 @@ int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *c
 long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale,
                  double *translations);
 
-/* The largest |entry| on the diagonal of the AIJ matrix; infinity if one is not finite. */
+/* The largest |entry| on the diagonal of the matrix; infinity if one is not finite. */
 double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *values);
 
 /* The functions with a `stage` do that part of their work. Forward ones have to be called for EARLY, INTERIOR and LATE;
@@ -83,3 +94,17 @@ double matrix_weighted_norm(const SymmetricBlockMatrix *b, const float *p);
 
 /* x += alpha t, r -= alpha q, z = D r. Returns r.z. */
 double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float *t, const float *q, float *x, float *r, float *z);
+
+/* The functions below are for a matrix without AIJ values. */
+
+/* The pattern of the whole diagonal block: start[rows + 1] and, unless it is NULL, the ascending columns of each row. */
+void matrix_pattern(const SymmetricBlockMatrix *b, int *start, int *column);
+
+/* Multiply all values by `factor`, a power of two. */
+void matrix_scale(const SymmetricBlockMatrix *b, double factor);
+
+/* y = A x in double precision, or |A| x of the absolute values; x_ghosts[ghosts][BLOCK] are values of x at the ghost nodes. */
+void matrix_multiply(const SymmetricBlockMatrix *b, int absolute, const double *x, const double *x_ghosts, double *y);
+
+/* Write the values, divided by `scale`, to an AIJ matrix of the same pattern that has no other columns. */
+void matrix_to_aij(const SymmetricBlockMatrix *b, double scale, double *values, double *off_diagonal);

@@ -58,7 +58,19 @@ void matrix_stages(int rows, const int *start, const int *column, int higher, fl
   }
 }
 
-int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *columns, const int *offsets) {
+/* The index of block (i, j) among the blocks of `aij_column`; it must be there. */
+static inline int find_block(const SymmetricBlockMatrix *b, int i, int j) {
+  int low = b->aij_start[i], high = b->aij_start[i + 1] - 1;
+  while (low < high) {
+    const int middle = (low + high) / 2;
+    if (b->aij_column[middle] < j) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *offsets) {
+  const int *columns = b->aij_column;
   const int rows = b->rows, blocks = b->aij_start[rows];
   int at = 0, upper = 0;
   for (int s = EARLY; s <= LATE; s++) {
@@ -78,12 +90,25 @@ int matrix_order(const SymmetricBlockMatrix *b, const float *stage, const int *c
       if (later < 0 || (later == 0 && j <= i)) continue;
       if (upper >= (blocks - rows) / 2) return 1;
       b->upper_column[upper] = j;
-      b->upper_value[upper++] = offsets[n];
+      if (offsets) b->upper_value[upper] = offsets[n];
+      upper++;
     }
     if (b->aij_diagonal[i] < 0) return 1;
   }
   b->upper_start[rows] = upper;
-  return upper != (blocks - rows) / 2;
+  if (upper != (blocks - rows) / 2) return 1;
+  for (int k = 0; b->place && k < rows; k++) {
+    const int i = b->order[k], first = b->upper_start[k];
+    b->place[i] = k;
+    b->half_offset[b->aij_start[i] + b->aij_diagonal[i]] = ENTRIES * i;
+    for (int m = first; m < b->upper_start[k + 1]; m++) {
+      const int j = b->upper_column[m], mirror = find_block(b, j, i);
+      if (columns[mirror] != i) return 1;
+      b->half_offset[mirror] = -1;
+      b->half_offset[find_block(b, i, j)] = ENTRIES * first + BLOCK * (m - first);
+    }
+  }
+  return 0;
 }
 
 /* Whether row k in the order of the sweeps is coupled to the next one by a block that the sweeps apply by `link`. In a
@@ -100,6 +125,26 @@ static inline void set_link(const SymmetricBlockMatrix *b, long k) {
   const float *d = b->diagonal_inverse + (long)ENTRIES * b->order[k], *u = b->upper + (long)ENTRIES * b->upper_start[k];
   const long length = (long)BLOCK * (b->upper_start[k + 1] - b->upper_start[k]);
   for (int m = 0; m < 4; m++) b->link[4 * (k + 1) + m] = u[m % 2] * d[m / 2] + u[length + m % 2] * d[2 + m / 2];
+}
+
+/* The block on the diagonal in row i, from an AIJ matrix or, for NULL, the stored one. */
+static inline void load_diagonal(const SymmetricBlockMatrix *b, const double *values, long i, double *block) {
+  const double *from = values ? values + b->aij_offset[i] + (long)BLOCK * b->aij_diagonal[i] : NULL;
+  const float *high = b->own_diagonal + ENTRIES * i;
+  const int *rest = b->own_diagonal_rest + ENTRIES * i;
+  for (int m = 0; m < ENTRIES; m++)
+    block[m] = from ? from[m / BLOCK * (long)b->aij_stride[i] + m % BLOCK] : join(high[m], rest[m]);
+}
+
+/* The values of block k of row i in other ranks' columns, likewise. */
+static inline __attribute__((always_inline)) void load_ghost_block(const SymmetricBlockMatrix *b, const double *values, int i, int k, double *block) {
+  const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
+  for (int r = 0; r < BLOCK; r++)
+    for (int c = 0; c < BLOCK; c++) {
+      const long at = ENTRIES * first + (long)BLOCK * (n * r + k - first) + c;
+      block[BLOCK * r + c] = values ? values[b->off_diagonal_value[k] + r * (long)b->off_diagonal_stride[i] + c]
+                                    : join(b->off_diagonal[at], b->off_diagonal_rest[at]);
+    }
 }
 
 /* Copy row k of U in the order of the sweeps, and add it and its transpose to `translations`. Its blocks ascend in the
@@ -124,28 +169,46 @@ static inline void fill_upper(const SymmetricBlockMatrix *b, long k, const doubl
   }
 }
 
+/* Add row k of U and its transpose to `translations`. */
+static inline void add_translations(const SymmetricBlockMatrix *b, long k, double *translations) {
+  const int first = b->upper_start[k], n = b->upper_start[k + 1] - first;
+  const float *high = b->upper + ENTRIES * first;
+  const int *rest = b->upper_rest + ENTRIES * first;
+  for (int r = 0; r < BLOCK; r++, high += (long)BLOCK * n, rest += (long)BLOCK * n) {
+    double sum = 0;
+    for (int m = 0; m < n; m++) {
+      prefetch_after(high + BLOCK * m);
+      prefetch_after(rest + BLOCK * m);
+      sum += join(high[BLOCK * m + r], rest[BLOCK * m + r]);
+    }
+    translations[r] += 2 * sum;
+  }
+}
+
 long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale,
                  double *translations) {
   long bad = 0;
   for (int k = 0; k < BLOCK; k++) translations[k] = 0;
+  const double factor = values ? scale : 1;
   for (int i = 0; i < b->rows; i++) {
-    const double *row = values + b->aij_offset[i] + (long)BLOCK * b->aij_diagonal[i];
-    float *d = b->diagonal + ENTRIES * i;
-    for (int k = 0; k < BLOCK; k++, row += b->aij_stride[i]) {
-      for (int c = 0; c < BLOCK; c++) d[BLOCK * k + c] = row[c] * scale;
-      translations[k] += row[k] * scale;
-    }
-    fill_upper(b, i, values, scale, translations);
+    double block[ENTRIES];
+    load_diagonal(b, values, i, block);
+    for (int m = 0; m < ENTRIES; m++) b->diagonal[ENTRIES * i + m] = block[m] * factor;
+    for (int r = 0; r < BLOCK; r++) translations[r] += block[(BLOCK + 1) * r] * factor;
+    if (values) fill_upper(b, i, values, scale, translations);
+    else add_translations(b, i, translations);
   }
   for (int i = 0; b->off_diagonal_start && i < b->rows; i++) {
     const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
-    for (int k = 0; k < n; k++)
+    for (int k = 0; k < n; k++) {
+      double block[ENTRIES];
+      load_ghost_block(b, off_diagonal, i, first + k, block);
       for (int r = 0; r < BLOCK; r++) {
-        const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
         float *to = b->off_diagonal + ENTRIES * first + (long)BLOCK * (r * n + k);
-        for (int c = 0; c < BLOCK; c++) to[c] = from[c] * scale;
-        translations[r] += from[r] * scale;
+        for (int c = 0; values && c < BLOCK; c++) to[c] = block[BLOCK * r + c] * scale;
+        translations[r] += block[(BLOCK + 1) * r] * factor;
       }
+    }
   }
   for (int at = b->stage_start[LATE]; at < b->rows; at++) {
     const int i = b->order[at], first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
@@ -167,10 +230,11 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
 double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *values) {
   double most = 0;
   for (int i = 0; i < b->rows; i++) {
-    const double *at = values + b->aij_offset[i] + (long)BLOCK * b->aij_diagonal[i];
-    for (int k = 0; k < BLOCK; k++, at += b->aij_stride[i] + 1L) {
-      if (!isfinite(*at)) return INFINITY;
-      most = fmax(most, fabs(*at));
+    double block[ENTRIES];
+    load_diagonal(b, values, i, block);
+    for (int k = 0; k < BLOCK; k++) {
+      if (!isfinite(block[(BLOCK + 1) * k])) return INFINITY;
+      most = fmax(most, fabs(block[(BLOCK + 1) * k]));
     }
   }
   return most;
@@ -368,4 +432,102 @@ double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float 
     for (int c = 0; c < BLOCK; c++) dot += (double)residual[c] * product[c];
   }
   return dot;
+}
+
+void matrix_pattern(const SymmetricBlockMatrix *b, int *start, int *column) {
+  memset(start, 0, sizeof(int) * (b->rows + 1L));
+  for (int k = 0; k < b->rows; k++) {
+    start[b->order[k] + 1] += 1 + b->upper_start[k + 1] - b->upper_start[k];
+    for (int m = b->upper_start[k]; m < b->upper_start[k + 1]; m++) start[b->upper_column[m] + 1]++;
+  }
+  for (int i = 0; i < b->rows; i++) start[i + 1] += start[i];
+  if (!column) return;
+  for (int k = 0; k < b->rows; k++) { /* start[i] is the next free place of row i, in the end that of row i + 1 */
+    const int i = b->order[k];
+    column[start[i]++] = i;
+    for (int m = b->upper_start[k]; m < b->upper_start[k + 1]; m++) {
+      column[start[i]++] = b->upper_column[m];
+      column[start[b->upper_column[m]]++] = i;
+    }
+  }
+  for (int i = b->rows; i > 0; i--) start[i] = start[i - 1];
+  start[0] = 0;
+  for (int i = 0; i < b->rows; i++)
+    for (int n = start[i] + 1; n < start[i + 1]; n++) {
+      const int j = column[n];
+      int at = n;
+      for (; at > start[i] && column[at - 1] > j; at--) column[at] = column[at - 1];
+      column[at] = j;
+    }
+}
+
+void matrix_scale(const SymmetricBlockMatrix *b, double factor) {
+  const long own = ENTRIES * b->rows, upper = ENTRIES * b->upper_start[b->rows];
+  const long others = b->off_diagonal_start ? ENTRIES * b->off_diagonal_start[b->rows] : 0;
+  for (long k = 0; k < own; k++) b->own_diagonal[k] *= factor;
+  for (long k = 0; k < upper; k++) b->upper[k] *= factor;
+  for (long k = 0; k < others; k++) b->off_diagonal[k] *= factor;
+}
+
+/* The values of a block whose rows are `length` floats apart, in rows of 4 doubles. */
+static inline __attribute__((always_inline)) void load_split(const float *high, const int *rest, long length, double *block) {
+  for (int r = 0; r < BLOCK; r++) *(double4 *)(block + 4 * r) = join4(high + length * r, rest + length * r);
+}
+
+/* y += m x, with the absolute values of m if `absolute`; element (r, c) of m is at down r + right c. */
+static inline void multiply_split(const double *m, int down, int right, int absolute, const double *x, double *y) {
+  for (int r = 0; r < BLOCK; r++)
+    for (int c = 0; c < BLOCK; c++) y[r] += (absolute ? fabs(m[down * r + right * c]) : m[down * r + right * c]) * x[c];
+}
+
+void matrix_multiply(const SymmetricBlockMatrix *b, int absolute, const double *x, const double *x_ghosts, double *y) {
+  double block[4 * BLOCK];
+  memset(y, 0, sizeof(double) * BLOCK * b->rows);
+  for (long k = 0; k < b->rows; k++) {
+    const int first = b->upper_start[k], n = b->upper_start[k + 1] - first;
+    const long i = b->order[k], length = (long)BLOCK * n;
+    const float *high = b->upper + ENTRIES * first;
+    const int *rest = b->upper_rest + ENTRIES * first;
+    load_split(b->own_diagonal + ENTRIES * i, b->own_diagonal_rest + ENTRIES * i, BLOCK, block);
+    multiply_split(block, 4, 1, absolute, x + BLOCK * i, y + BLOCK * i);
+    for (int m = 0; m < n; m++) {
+      const long j = b->upper_column[first + m];
+      prefetch_after(high + ENTRIES * m);
+      prefetch_after(rest + ENTRIES * m);
+      load_split(high + BLOCK * m, rest + BLOCK * m, length, block);
+      multiply_split(block, 4, 1, absolute, x + BLOCK * j, y + BLOCK * i);
+      multiply_split(block, 1, 4, absolute, x + BLOCK * i, y + BLOCK * j);
+    }
+  }
+  for (long i = 0; b->off_diagonal_start && i < b->rows; i++)
+    for (int k = b->off_diagonal_start[i]; k < b->off_diagonal_start[i + 1]; k++) {
+      load_ghost_block(b, NULL, i, k, block);
+      multiply_split(block, BLOCK, 1, absolute, x_ghosts + (long)BLOCK * b->off_diagonal_column[k], y + BLOCK * i);
+    }
+}
+
+/* Write a block, (r, c) at down r + right c, to block (i, j) of an AIJ matrix. */
+static inline void write_block(const SymmetricBlockMatrix *b, int i, int j, const double *block, int down, int right, double scale, double *values) {
+  const long first = b->aij_start[i], length = (long)BLOCK * (b->aij_start[i + 1] - first);
+  double *to = values + ENTRIES * first + BLOCK * (find_block(b, i, j) - first);
+  for (int r = 0; r < BLOCK; r++)
+    for (int c = 0; c < BLOCK; c++) to[length * r + c] = block[down * r + right * c] / scale;
+}
+
+void matrix_to_aij(const SymmetricBlockMatrix *b, double scale, double *values, double *off_diagonal) {
+  double block[4 * BLOCK];
+  for (int k = 0; k < b->rows; k++) {
+    const int i = b->order[k], first = b->upper_start[k], n = b->upper_start[k + 1] - first;
+    load_diagonal(b, NULL, i, block);
+    write_block(b, i, i, block, BLOCK, 1, scale, values);
+    for (int m = 0; m < n; m++) {
+      const long at = ENTRIES * first + BLOCK * m;
+      const int j = b->upper_column[first + m];
+      load_split(b->upper + at, b->upper_rest + at, (long)BLOCK * n, block);
+      write_block(b, i, j, block, 4, 1, scale, values);
+      write_block(b, j, i, block, 1, 4, scale, values);
+    }
+  }
+  const long others = b->off_diagonal_start ? ENTRIES * b->off_diagonal_start[b->rows] : 0;
+  for (long k = 0; k < others; k++) off_diagonal[k] = join(b->off_diagonal[k], b->off_diagonal_rest[k]) / scale;
 }

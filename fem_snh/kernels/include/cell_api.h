@@ -21,12 +21,17 @@ typedef struct {
 } Cells;
 
 /* Where element matrices are added: the value arrays of an AIJ matrix's diagonal block (0) and off-diagonal
- * block (1), and the array of rows owned by other ranks (2). */
+ * block (1), and the array of rows owned by other ranks (2). Of a symmetric matrix that stores one half of its diagonal
+ * block (block_matrix_api.h), 0 is the half above the block diagonal and 3 the block diagonal; the arrays 0, 1 and 3
+ * are then split (split_double.h). */
 typedef struct {
-  double *values[3];
-  const int *stride[3];   /* [nodes] values per scalar row of a node in each array */
+  double *values[4];
+  float *high[4];         /* the halves of split values, which are those of the matrix times `scale`; NULL: `values` */
+  int *rest[4];
+  double scale;
+  const int *stride[4];   /* [nodes] values per scalar row of a node in each array */
   const int *position;    /* [cells][n][n], n = NODES + PRESSURE_NODES: 4 * (offset of the node pair's first
-                             value) + (index 0, 1 or 2 of the array) */
+                             value) + (index of the array); negative for a pair of which only the other half is stored */
   const double *free;     /* [nodes][COMPONENTS] 0 where the displacement is prescribed, else 1 */
   const unsigned char *constrained; /* [cells] 1 if a displacement component of the cell is prescribed */
   const double *rotation; /* [cells][3][3] R: jacobian_cells adds R K_ab R^T instead of the block K_ab; NULL: K_ab */

@@ -102,13 +102,6 @@ INLINE void rotate_blocks(const double *rotation, long start, int lanes, real *K
   }
 }
 
-/* Prefetch, to write to them, the values of block (a, b) of a cell. */
-INLINE void prefetch_block(const MatrixTarget *t, const int *nodes, const int *position, int a, int b) {
-  const int to = position[ALL_NODES * a + b], array = to & 3, stride = t->stride[array][nodes[a]];
-  const double *at = t->values[array] + (to >> 2);
-  for (int i = 0; i < COMPONENTS; ++i) __builtin_prefetch(at + (long)stride * i, 1);
-}
-
 /* Add the element matrix of lane l to the global matrix: each block (a, b) and, transposed, (b, a). Memory is slower
  * than the additions, so the same blocks of the next cell are prefetched, unless this cell is the last. */
 INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position, const real *K, int l, int is_last) {
@@ -116,16 +109,9 @@ INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position
   const double *block = (const double *)K + l;
   for (int b = 0; b < NODES; ++b)
     for (int a = 0; a <= b; ++a, block += 9 * W) {
-      prefetch_block(t, next_nodes, next, a, b);
-      prefetch_block(t, next_nodes, next, b, a);
-      const int to = position[ALL_NODES * a + b], array = to & 3, stride = t->stride[array][nodes[a]];
-      double *at = t->values[array] + (to >> 2);
-      for (int i = 0; i < COMPONENTS; ++i)
-        for (int j = 0; j < COMPONENTS; ++j) at[(long)stride * i + j] += block[W * (3 * i + j)];
-      if (a == b) continue;
-      const int mirror = position[ALL_NODES * b + a], other = mirror & 3, step = t->stride[other][nodes[b]];
-      at = t->values[other] + (mirror >> 2);
-      for (int i = 0; i < COMPONENTS; ++i)
-        for (int j = 0; j < COMPONENTS; ++j) at[(long)step * i + j] += block[W * (3 * j + i)];
+      prefetch_block(t, next_nodes[a], next[ALL_NODES * a + b], COMPONENTS);
+      prefetch_block(t, next_nodes[b], next[ALL_NODES * b + a], COMPONENTS);
+      add_block(t, nodes[a], position[ALL_NODES * a + b], COMPONENTS, block, 3 * W, W);
+      if (a != b) add_block(t, nodes[b], position[ALL_NODES * b + a], COMPONENTS, block, W, 3 * W);
     }
 }

@@ -11,13 +11,13 @@ void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks
     for (int a = 0, row = 0; a < blocks; row += size[a++])
       for (int b = 0, column = 0; b < blocks; column += size[b++]) {
         const int to = position[all_blocks * a + b], array = to & 3;
+        if (to < 0) continue;
         const long stride = t->stride[array][block[a]];
-        double *at = t->values[array] + (to >> 2);
         for (int i = 0; i < size[a]; ++i) {
           if (size[a] == size[0] && t->free[size[0] * (long)block[a] + i] == 0) continue;
           for (int j = 0; j < size[b]; ++j)
             if (size[b] != size[0] || t->free[size[0] * (long)block[b] + j] != 0)
-              at[stride * i + j] += K[(long)n * (row + i) + column + j];
+              add_value(t, array, (to >> 2) + stride * i + j, K[(long)n * (row + i) + column + j]);
         }
       }
   }
@@ -30,10 +30,10 @@ void add_node_pairs(const MatrixTarget *t, int components, int rows, const int *
     for (int k = start[row]; k < start[row + 1]; ++k) {
       const double *free_column = t->free + components * (long)column[k];
       const int array = position[k] & 3;
+      if (position[k] < 0) continue;
       const long stride = t->stride[array][row];
-      double *at = t->values[array] + (position[k] >> 2);
       for (int i = 0; i < components; ++i)
-        if (free_row[i] != 0 && free_column[i] != 0) at[(stride + 1) * i] += factor * value[k];
+        if (free_row[i] != 0 && free_column[i] != 0) add_value(t, array, (position[k] >> 2) + (stride + 1) * i, factor * value[k]);
     }
   }
 }

@@ -121,6 +121,7 @@ class RayleighDamping(_MotionTerm):
 
     def __init__(self, mass: NodalMass, factors: tuple[float, float]) -> None:
         self._mass, (self._alpha, self.beta) = mass, factors
+        self.needs_aij = self.has_stiffness  # its stored matrix
         self.velocity: Affine | None = None
         self.rates: VolumeRates | None = None
         self._K: StoredMatrix | None = None
