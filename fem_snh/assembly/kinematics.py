@@ -78,7 +78,10 @@ class Kinematics:
 
     @property
     def rigid_motions(self) -> tuple[bool, ...]:
-        """Which rigid motions exist: translations along, then rotations about x, y, z, (6,)."""
+        """Which rigid motions exist: translations along, then rotations about x, y, z, (6,).
+
+        `fem_snh.geometry.rotations.rigid_displacements` returns them at points in this order.
+        """
         if self.revolved:
             return False, True, False, False, self.components == 3, False
         flat = self.dim == 2

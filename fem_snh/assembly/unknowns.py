@@ -20,6 +20,7 @@ from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
+from fem_snh.geometry.rotations import rigid_displacements
 
 #: Weight of the volume errors of cells relative to strains. A larger weight saves Newton iterations
 #: and costs linear iterations (docs/results/elements_cell_pressures.md).
@@ -314,8 +315,11 @@ def rigid_motions(
         Which motions there are: six in a solid, three in a plane, and of a body of revolution the
         translation along its axis and, with torsion, the rotation about it.
     """
-    basis = []
-    for motion in _motions(coordinates, kinematics):
+    basis, motions = [], rigid_displacements(coordinates)[:, :, : kinematics.components]
+    for k in (0, 3, 1, 4, 2, 5):
+        if not kinematics.rigid_motions[k]:
+            continue
+        motion = motions[k]
         vector = PETSc.Vec().createMPI((motion.size, None), bsize=motion.shape[1], comm=comm)
         vector.array[:] = motion.ravel()
         project(vector.array)
@@ -325,13 +329,3 @@ def rigid_motions(
             vector.axpy(-vector.dot(other), other)
         vector.normalize()
     return PETSc.NullSpace().create(vectors=basis, comm=comm)
-
-
-def _motions(coordinates: np.ndarray, kinematics: Kinematics) -> list[np.ndarray]:
-    """Return the infinitesimal rigid motions of points (n, 3), (n, components) each."""
-    found = []
-    for axis, unit in enumerate(np.eye(3)):
-        both = np.tile(unit, (len(coordinates), 1)), np.cross(unit, coordinates)
-        admitted = kinematics.rigid_motions[axis], kinematics.rigid_motions[axis + 3]
-        found += [motion for motion, is_free in zip(both, admitted, strict=True) if is_free]
-    return [motion[:, : kinematics.components] for motion in found]

@@ -19,6 +19,15 @@ def skew(v: Array) -> Array:
     return np.cross(np.eye(3), np.asarray(v, dtype=float)[..., None, :])
 
 
+def rigid_displacements(x: Array) -> Array:
+    """Return displacements of points (n, 3): along, then about x, y, z with unit angle, (6, n, 3).
+
+    The rotations are infinitesimal, about axes through the origin.
+    """
+    units = np.broadcast_to(np.eye(3)[:, None], (3, *x.shape))
+    return np.concatenate([units, np.cross(units, x)])
+
+
 def rotate(omega: Array, r: Array) -> Array:
     """Return vectors r (..., 3) rotated by rotation vectors (..., 3), by Rodrigues' formula."""
     angle = np.linalg.norm(omega, axis=-1, keepdims=True)

@@ -18,9 +18,8 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
 from fem_snh.assembly.connected_parts import components, connected_parts
-from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import BadInput
-from fem_snh.geometry.rotations import rotate
+from fem_snh.geometry.rotations import rigid_displacements, rotate
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
 from fem_snh.terms.term import Term
@@ -97,11 +96,9 @@ class Supports:
         if kinematics.revolved:
             self._origin[0] = 0.0  # it is on the axis
         self._r = (X - self._origin) / problem.length
-        modes = np.zeros((len(X), 3, 6))  # the displacement of each node in a rigid motion
-        modes[:, :, :3] = np.eye(3)
-        for k in range(3):
-            modes[:, :, 3 + k] = np.cross(np.eye(3)[k], self._r)
-        self._modes = modes[:, : kinematics.components]
+        modes = rigid_displacements(self._r)[:, :, : kinematics.components]
+        #: The displacement of each node in a rigid motion, (owned nodes, components, 6).
+        self._modes = np.ascontiguousarray(np.moveaxis(modes, 0, 2))
         if problem.rigid:
             motions = self.labels, self._origin, problem.length, len(self.sizes)
             self._twists = problem.rigid.twists(*motions)
@@ -142,7 +139,7 @@ class Supports:
             nodes, of = planes.nodes[own], modes[planes.nodes[own]]
             blocks = np.einsum("nik,nij,njl->nkl", of, planes.bases[own], of)
             np.add.at(sums, self.labels[nodes], blocks)
-        none = np.diag([float(k not in _motions(problem.kinematics)) for k in range(6)])
+        none = np.diag(1.0 - np.array(problem.kinematics.rigid_motions))
         for part, block in enumerate(self._comm.allreduce(sums)):
             own_motions = slice(6 * part, 6 * part + 6)
             gram[own_motions, own_motions] = block + none * max(1.0, np.trace(block))
@@ -270,13 +267,6 @@ class SupportsCheck:
         else:
             text += "; the solution is one of many that differ by it"
         self.notes.append(Note("supports", text))
-
-
-def _motions(kinematics: Kinematics) -> Sequence[int]:
-    """Return the numbers of a body's rigid motions: translations 0 to 2, rotations 3 to 5."""
-    if kinematics.revolved:
-        return (1, 4)[: kinematics.components - 1]
-    return range(6) if kinematics.dim == 3 else (0, 1, 5)
 
 
 def _listed(motions: Sequence[FreeMotion], supports: Supports) -> str:

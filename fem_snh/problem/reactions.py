@@ -28,6 +28,7 @@ from fem_snh.assembly.boundary_conditions import (
 )
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import bad_value, in_words
+from fem_snh.geometry.rotations import rigid_displacements
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.conditions import condition_of
 
@@ -219,8 +220,8 @@ def virtual_rotation(kinematics: Kinematics, x: Array, axis: int, about: Array) 
         The component, one of the kinematics' ``moment_axes``.
     """
     arms = x if kinematics.revolved else x - about
-    rotation: Array = np.cross(np.eye(3)[axis], arms)
-    return rotation[:, : kinematics.components]
+    found: Array = rigid_displacements(arms)[3 + axis, :, : kinematics.components]
+    return found
 
 
 def reaction(problem: Problem, weights: Array, about: Sequence[float] | Array = (0, 0, 0)) -> Array:
