@@ -11,7 +11,7 @@ import os
 import re
 import secrets
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -169,7 +169,5 @@ def replace_file(
 
 def remove(path: Path) -> None:
     """Remove a file if it exists; ignore errors."""
-    try:
+    with suppress(OSError):  # a remaining file does no harm
         path.unlink(missing_ok=True)
-    except OSError:
-        pass  # a remaining file does no harm

@@ -6,7 +6,7 @@ import of sympy and the fit of the constants take longer than a small solve.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,18 +66,8 @@ class Numbers:
 
 def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
     """Return the numbers of an energy; ``key`` is their key in the cache."""
-    return Numbers(
-        energy.name,
-        energy.E,
-        energy.nu,
-        energy.shape,
-        tuple(map(str, energy.constants)),
-        energy.values,
-        energy.lame,
-        energy.has_energy,
-        energy.equation,
-        key,
-    )
+    taken = {each.name: getattr(energy, each.name) for each in fields(Numbers)[:-1]}
+    return Numbers(**taken | {"constants": tuple(map(str, energy.constants))}, key=key)
 
 
 def stored_key(

@@ -232,11 +232,11 @@ class StiffParts:
 
     def __init__(self, comm: MPI.Comm, X: Array, labels: Array, count: int, fixed: Array) -> None:
         self._comm, self._count = comm, count
-        self._nodes = np.flatnonzero(labels >= 0)
-        self._labels, self._X = labels[self._nodes], X[self._nodes]
-        self._fixed = fixed[self._nodes]
+        nodes = np.flatnonzero(labels >= 0)
+        self._labels, self._X, self._fixed = labels[nodes], X[nodes], fixed[nodes]
+        self._dofs = 3 * nodes[:, None] + np.arange(3)
         self._weights = np.where(self._fixed.any(axis=1, keepdims=True), _HELD, 1.0)
-        self._size = self._sum(np.ones((len(self._nodes), 1)))
+        self._size = self._sum(np.ones((len(nodes), 1)))
 
     @classmethod
     def of(
@@ -273,39 +273,34 @@ class StiffParts:
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
         """Set ``end`` to x + step d, with finite rotations of the stiff parts. Collective."""
         end.waxpy(step, d, x)
-        nodes, labels, shape = self._nodes, self._labels, (-1, 3)
-        y = self._X + x.array_r[: 3 * self._end].reshape(shape)[nodes]
-        v = step * d.array_r[: 3 * self._end].reshape(shape)[nodes]
-        means = self._sum(np.hstack([y, v])) / self._size
-        r, v = y - means[labels, :3], v - means[labels, 3:]
+        (middle, r), (mean, v) = self._centred(
+            self._X + x.array_r[self._dofs], step * d.array_r[self._dofs]
+        )
         squares = (r**2).sum(axis=1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
         sums = self._sum(np.hstack([squares.reshape(-1, 9), np.cross(r, v)]))
-        omega = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3), sums[:, 9:, None])[:, :, 0]
-        turned = rotate(omega[labels], r + v - np.cross(omega[labels], r))
-        values = end.array
-        moved = values[: 3 * self._end].reshape(shape)
-        turned = means[labels, :3] + means[labels, 3:] + turned - self._X
-        moved[nodes] = np.where(self._fixed, moved[nodes], turned)
+        omega = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3), sums[:, 9:, None])
+        omega = omega[self._labels, :, 0]
+        self._place(end, middle + mean + rotate(omega, r + v - np.cross(omega, r)))
 
     def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
         """Replace each part's motion from ``start`` to ``x`` by the nearest rigid one, in ``x``.
 
         Collective.
         """
-        total = 3 * self._end
-        y, z = (self._X + v.array_r[:total].reshape(-1, 3)[self._nodes] for v in (start, x))
-        means = self._sum(np.hstack([y, z])) / self._size
-        r, s = y - means[self._labels, :3], z - means[self._labels, 3:]
+        ends = (self._X + vector.array_r[self._dofs] for vector in (start, x))
+        (_, r), (mean, s) = self._centred(*ends)
         H = self._sum((s[:, :, None] * r[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
-        turned = np.einsum("nij,nj->ni", nearest_rotation(H)[self._labels], r)
-        moved = x.array[:total].reshape(-1, 3)
-        turned = means[self._labels, 3:] + turned - self._X
-        moved[self._nodes] = np.where(self._fixed, moved[self._nodes], turned)
+        self._place(x, mean + np.einsum("nij,nj->ni", nearest_rotation(H)[self._labels], r))
 
-    @property
-    def _end(self) -> int:
-        """One more than the last node of this rank that a part has."""
-        return int(self._nodes[-1]) + 1 if len(self._nodes) else 0
+    def _centred(self, *values: Array) -> list[tuple[Array, Array]]:
+        """Return the mean of each part at its nodes, and the rest, of two (nodes, 3) arrays."""
+        means = (self._sum(np.hstack(values)) / self._size)[self._labels]
+        return [(m, v - m) for v, m in zip(values, np.hsplit(means, 2), strict=True)]
+
+    def _place(self, x: PETSc.Vec, positions: Array) -> None:
+        """Set the displacements in ``x`` that are not fixed to those of positions (nodes, 3)."""
+        u = x.array
+        u[self._dofs] = np.where(self._fixed, u[self._dofs], positions - self._X)
 
     def _sum(self, values: Array) -> Array:
         """Return weighted sums of (nodes, columns) over each part, (parts, columns). Collective."""

@@ -43,7 +43,7 @@ class Progress:
         # mpirun gives its processes a terminal even when its output goes to a file.
         self._styled = comm.size == 1 and _shows_styles()
 
-    def _print(self, text: str) -> None:
+    def line(self, text: str) -> None:
         """Print a line if printing is enabled."""
         if self._enabled:
             print(text, flush=True)
@@ -63,19 +63,19 @@ class Progress:
         method = f"{record['hessian']} Hessian"
         if "globalization" in record:
             method += f", {record['globalization']}"
-        self._print(
+        self.line(
             f"{self._style(record['scene'], 'bold')}: {materials}; "
             f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
             f"{method}; {record['ranks']} rank(s)"
         )
         self._notes(record)
         if self._expected:
-            self._print(f"  expected to fail: {self._expected}")
+            self.line(f"  expected to fail: {self._expected}")
 
     def _notes(self, record: Record) -> None:
         """Print the notes."""
         for note in record.get("notes", []):
-            self._print(f"  {self._style('note', 'yellow')}: {note['text']}")
+            self.line(f"  {self._style('note', 'yellow')}: {note['text']}")
 
     def resumed(
         self, load: float, finished: bool, missing: Sequence[str], duration: float | None = None
@@ -87,7 +87,7 @@ class Progress:
         """
         at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
         left = f"computing of its last state: {'; '.join(missing)}" if missing else "nothing to do"
-        self._print(f"  finished already: {left}" if finished else f"  resumed from {at}")
+        self.line(f"  finished already: {left}" if finished else f"  resumed from {at}")
 
     def step(self, row: Record) -> None:
         """Print the row of a load or time step."""
@@ -98,7 +98,7 @@ class Progress:
         else:
             mark = self._style("fail", "yellow" if self._expected else "red")
         at = f"time {row['time']:.4g} s" if "time" in row else f"load {row['load']:.4f}"
-        self._print(
+        self.line(
             f"  {at} {mark} {row['newton']:3d} Newton "
             f"({row['clamped']} filtered), {row['linear']:6d} linear, {_other_iterations(row)}"
             f"residual {row['residual']:.1e}, "
@@ -110,16 +110,12 @@ class Progress:
 
     def estimating(self, estimate: Estimate) -> None:
         """Print what the estimate of the errors will cost, before it is made."""
-        self._print(f"  {estimate.announcement()}")
+        self.line(f"  {estimate.announcement()}")
 
     def estimated(self, estimate: Estimate) -> None:
         """Print the goals with their errors, or the reason why there is no estimate."""
         for line in estimate.lines():
-            self._print(f"  {line}")
-
-    def line(self, text: str) -> None:
-        """Print a line about the levels of a run to a required accuracy."""
-        self._print(text)
+            self.line(f"  {line}")
 
     def level(self, lines: Sequence[str]) -> None:
         """Print the lines of `fem_snh.accuracy.levels.Levels.lines`, the first in bold.
@@ -127,7 +123,7 @@ class Progress:
         They describe one level of a run to a required accuracy: a head, then a line for each goal.
         """
         for line in lines:
-            self._print(self._style(line, "bold") if line is lines[0] else line)
+            self.line(self._style(line, "bold") if line is lines[0] else line)
 
     def reached(self, accuracy: Record, duration: float | None) -> None:
         """Print whether the required accuracy was reached, and what ended the levels.
@@ -150,7 +146,7 @@ class Progress:
             loads = "".join(f", {in_words(n)} at {unit.format(x)}" for x, n in places.items())
             loads += "" if duration is None or at else f" at time {duration:.6g} s"
             text = f"every goal{but} is within {asked}{of}{loads}{besides}"
-            self._print(self._style(text, "green"))
+            self.line(self._style(text, "green"))
             return
         best, relative = "no goal has an estimate", accuracy["relative"]
         if relative is not None:
@@ -160,7 +156,7 @@ class Progress:
         elif accuracy["worst"]:
             best = f"the estimate of {accuracy['worst']} has no bound yet"
         ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""
-        self._print(self._style(f"not within {asked}: {best}{ended}", "red"))
+        self.line(self._style(f"not within {asked}: {best}{ended}", "red"))
 
     def end(self, record: Record, out: Path | None) -> None:
         """Print the frequencies, the status, the files and the notes."""
@@ -168,14 +164,14 @@ class Progress:
         if modes := record.get("modes"):
             listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"][:_FREQUENCIES])
             listed += ", ..." if len(modes["frequencies"]) > _FREQUENCIES else ""
-            self._print(f"  frequencies [Hz]: {listed}")
+            self.line(f"  frequencies [Hz]: {listed}")
             files += ", modes.csv, modes.pvd"
         where = f"; {out}/{files}" if out else ""
         status = with_notes(record["status"], len(record.get("notes", [])))
         if self._expected:
             outcome = "converged, not as expected" if record["converged"] else "failed as expected"
             status = f"{outcome}: {status}"
-        self._print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
+        self.line(f"  {status} in {record['seconds']['total']:.1f} s{where}")
         self._notes(record)
 
 
