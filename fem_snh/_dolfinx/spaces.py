@@ -58,11 +58,18 @@ def surface_measure(domain: Mesh, facets: Array) -> ufl.Measure:
 
 def surface_measures(domain: Mesh, groups: Sequence[Array]) -> list[ufl.Measure]:
     """Return measures, of which one form may contain several, of disjoint exterior facets."""
-    facets = np.concatenate(groups).astype(np.int32)
+    return _measures(domain, "ds", domain.topology.dim - 1, groups)
+
+
+def _measures(
+    domain: Mesh, kind: str, dim: int, groups: Sequence[Array], **metadata: object
+) -> list[ufl.Measure]:
+    """Return measures of disjoint groups of entities of dimension ``dim``, numbered from 1."""
+    entities = np.concatenate(groups).astype(np.int32)
     numbers = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
-    order, dim = np.argsort(facets), domain.topology.dim - 1
-    tags = dolfinx.mesh.meshtags(domain, dim, facets[order], numbers[order] + np.int32(1))
-    measure = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    order = np.argsort(entities)
+    tags = dolfinx.mesh.meshtags(domain, dim, entities[order], numbers[order] + np.int32(1))
+    measure = ufl.Measure(kind, domain=domain, subdomain_data=tags, metadata=metadata)
     return [measure(number + 1) for number in range(len(groups))]
 
 
@@ -85,12 +92,7 @@ def cell_measures(
     metadata = {"quadrature_degree": degree, "quadrature_rule": rule}
     if len(regions) == 1:
         return [ufl.Measure("dx", domain=domain, metadata=metadata)]
-    cells = np.concatenate(regions).astype(np.int32)
-    values = np.repeat(np.arange(len(regions), dtype=np.int32), [len(r) for r in regions])
-    order = np.argsort(cells)
-    tags = dolfinx.mesh.meshtags(domain, domain.topology.dim, cells[order], values[order])
-    dx = ufl.Measure("dx", domain=domain, subdomain_data=tags, metadata=metadata)
-    return [dx(i) for i in range(len(regions))]
+    return _measures(domain, "dx", domain.topology.dim, regions, **metadata)
 
 
 def constant(domain: Mesh, value: npt.ArrayLike) -> fem.Constant:

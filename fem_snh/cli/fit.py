@@ -17,9 +17,11 @@ from fem_snh.cli.options import (
     REPEATED,
     Parser,
     assignments,
+    material_values,
     output,
     split_petsc,
     value,
+    values_of,
     with_settings,
 )
 from fem_snh.cli.run import comma_list, load_scene
@@ -109,10 +111,7 @@ def fit(argv: list[str]) -> int:
         "unit": args.unit,
         "modulus_unit": args.modulus_unit,
         "weights": _words("weights", args.weights),
-    }
-    keywords["held"] = {  # material.alpha=2, as for run
-        key.removeprefix("material."): value(text, key)
-        for key, text in assignments(args.set).items()
+        "held": material_values(args.set),
     }
     if args.all:
         return _rank(args, keywords)
@@ -140,8 +139,7 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     if len(args.names) != 1 or not args.parameters:
         raise BadInput("fit --to: expected one scene and --parameters NAME,..")
     check_whole("solves", args.solves, 1, 10**6)
-    settings = {key: value(text, key) for key, text in assignments(args.set).items()}
-    overrides = with_settings({"nu": args.nu}, settings)
+    overrides = with_settings({"nu": args.nu}, values_of(args.set))
     comm = MPI.COMM_WORLD
     with Console(stderr=True, quiet=comm.rank > 0).status("fitting"):
         scene = load_scene(comm, args.names[0], overrides, petsc)

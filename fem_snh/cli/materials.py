@@ -15,7 +15,7 @@ from rich.text import Text
 from fem_snh.cli.options import (
     REPEATED,
     Parser,
-    assignments,
+    material_values,
     output,
     value,
     with_settings,
@@ -100,11 +100,7 @@ def materials(argv: list[str]) -> int:
 
 def _numbers(args: Namespace) -> dict[str, Any]:
     """Return the keywords of `fem_snh.material` that were given by --E, --nu and --set."""
-    settings = {  # material.alpha=2, as for run
-        key.removeprefix("material."): value(text, key)
-        for key, text in assignments(args.set).items()
-    }
-    return with_settings({"E": args.E, "nu": args.nu}, settings)
+    return with_settings({"E": args.E, "nu": args.nu}, material_values(args.set))
 
 
 def _list() -> int:

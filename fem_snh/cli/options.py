@@ -147,6 +147,16 @@ def assignments(pairs: list[str]) -> dict[str, str]:
     return values
 
 
+def values_of(pairs: list[str]) -> dict[str, Any]:
+    """Return the values of the ``key=value`` pairs of --set, or raise BadInput."""
+    return {key: value(text, key) for key, text in assignments(pairs).items()}
+
+
+def material_values(pairs: list[str]) -> dict[str, Any]:
+    """Return `values_of` by keys of the material, which ``material.`` may precede as for run."""
+    return {key.removeprefix("material."): given for key, given in values_of(pairs).items()}
+
+
 def with_settings(
     options: Mapping[str, Any], settings: Mapping[str, Any], names: Mapping[str, str] | None = None
 ) -> dict[str, Any]:

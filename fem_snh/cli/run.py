@@ -17,6 +17,7 @@ from fem_snh.cli.options import (
     output,
     split_petsc,
     value,
+    values_of,
     with_settings,
 )
 from fem_snh.errors import BadInput, choose, on_every, on_root
@@ -82,8 +83,7 @@ def run(argv: list[str]) -> int:
     for name in ("max_time", "max_memory", "max_dofs"):
         options[f"accuracy.{name}"] = vars(args)[name]
         names[f"accuracy.{name}"] = name
-    settings = {key: value(word, key) for key, word in assignments(args.set).items()}
-    overrides = with_settings(options, settings, names)
+    overrides = with_settings(options, values_of(args.set), names)
 
     from mpi4py import MPI
 

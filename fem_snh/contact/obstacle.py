@@ -16,9 +16,8 @@ from fem_snh.geometry.motion_files import read_motion
 from fem_snh.geometry.motions import DisplacementMotion, Motion, MovingShape
 from fem_snh.geometry.shapes import Box, Revolved
 from fem_snh.records.output_fields import AT_OBSTACLES, OutputField
-from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import Amplitudes, MotionTable
-from fem_snh.tables.shapes import ShapeChoice, shape_of
+from fem_snh.tables.shapes import ShapeChoice, shape_of, shape_record
 from fem_snh.tables.types import CsvFile, NonNegative, Surface, SurfaceFile, Text
 from fem_snh.tables.validation import check_distinct
 from fem_snh.terms.feature import Feature
@@ -122,13 +121,8 @@ class Obstacle(Feature, ContactTable, MotionTable):
         """
         found = {}
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
-            solid = obstacle._solid
-            if isinstance(solid, ShapeChoice):
-                shape = solid.record()
-            else:
-                shape = {"surface": surface_copy("obstacle", i, solid)}
             found[name] = {
-                "shape": shape,
+                "shape": shape_record("obstacle", i, obstacle._solid),
                 "friction": obstacle.friction,
                 "method": obstacle.method,
                 "pose": terms[0].contacts[i].obstacle.affine(0.0),

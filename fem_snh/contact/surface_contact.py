@@ -70,10 +70,6 @@ class ContactPair(ABC):
         """The factor of the energy: ``mean_weight``, or 1 if it is None."""
         return 1.0 if self.mean_weight is None else self.mean_weight
 
-    def weight_mean_forces(self, weight: float | None) -> None:
-        """Set ``mean_weight``."""
-        self.mean_weight = weight
-
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the penalty stiffness by ``factor`` and return True.
 
@@ -177,7 +173,7 @@ class SurfaceContact(HistoryTerm, ForceTerm):
     def weight_mean_forces(self, weight: float | None) -> None:
         """Set ``mean_weight`` of all pairs: see `fem_snh.terms.term.MeanForceTerm`."""
         for pair in self.pairs:
-            pair.weight_mean_forces(weight)
+            pair.mean_weight = weight
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of all penalties; return whether a pair has one."""

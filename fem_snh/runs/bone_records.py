@@ -14,6 +14,7 @@ from fem_snh.records.run_files import SOLIDS, surface_copy
 from fem_snh.records.run_record import Record
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import Scene
+from fem_snh.tables.shapes import shape_record
 
 
 def describe_bones(scene: Scene, problem: Problem) -> dict[str, Record]:
@@ -26,10 +27,8 @@ def describe_bones(scene: Scene, problem: Problem) -> dict[str, Record]:
     placed: list[BoneNodes] = problem.dirichlet.bones
     for i, (choice, bone) in enumerate(zip(scene.bone, placed, strict=True)):
         kind: Record = {"group": choice.group}
-        if choice.shape is not None:
-            kind = {"shape": choice.shape.record()}
-        elif choice.surface is not None:
-            kind = {"shape": {"surface": surface_copy("bone", i, choice.surface)}}
+        if solid := choice.shape or choice.surface:
+            kind = {"shape": shape_record("bone", i, solid)}
         pose = bone.affine(0.0).tolist()
         found[choice.name] = {**kind, "nodes": bone.count, "length": bone.length, "pose": pose}
     return found

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, create_model, model_validator
 
 from fem_snh.geometry.shapes import ClosedSurface, Shape, from_record
+from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.types import Flag, Positive, Vector
 from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Table
 
@@ -156,3 +157,10 @@ def shape_of(choice: ShapeChoice | Path) -> Shape:
         For a file that cannot be read or is not valid.
     """
     return choice.shape() if isinstance(choice, ShapeChoice) else ClosedSurface.read(choice)
+
+
+def shape_record(key: str, number: int, choice: ShapeChoice | Path) -> dict[str, Any]:
+    """Return the entry in run.json of the shape or the surface of table ``number`` of ``key``."""
+    if isinstance(choice, ShapeChoice):
+        return choice.record()
+    return {"surface": surface_copy(key, number, choice)}

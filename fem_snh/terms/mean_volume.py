@@ -107,9 +107,6 @@ class MeanVolume(Term):
         self._columns = UFLTerm(u[0] * change * dx, u, _NAME)
         self._components = _dolfinx.num_components(V)
 
-    def set_load(self, load: float) -> None:
-        """Do nothing: constants and functions are read at each evaluation."""
-
     def _assemble(self, form: Any) -> Any:
         """Return a DG0 form's values in this rank's own cells; the next call overwrites them."""
         _dolfinx.assemble_vector(self._sums, form)

@@ -11,9 +11,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.geometry.shapes import Shape
-from fem_snh.records.run_files import surface_copy
 from fem_snh.tables.amplitudes import TABLE, MotionTable, TableName
-from fem_snh.tables.shapes import ShapeChoice, shape_of
+from fem_snh.tables.shapes import ShapeChoice, shape_of, shape_record
 from fem_snh.tables.types import (
     NonNegative,
     Number,
@@ -271,13 +270,9 @@ class Rigid(Feature, MotionTable):
         """
         found = {}
         for i, part in enumerate(features):
-            if part.shape:
-                shape = part.shape.record()
-            elif part.surface:
-                shape = {"surface": surface_copy("rigid", i, part.surface)}
-            else:
-                continue
-            found[part.label] = {"shape": shape, "point": terms[0].place(part.label).tolist()}
+            if choice := part.shape or part.surface:
+                shape, point = shape_record("rigid", i, choice), terms[0].place(part.label)
+                found[part.label] = {"shape": shape, "point": point.tolist()}
         return {"rigid": found} if found else {}
 
     @classmethod

@@ -71,12 +71,7 @@ class PointFieldLoops:
             part, memory = np.split(memory, [size])
             found[name] = part.reshape(H.shape[:2] + POINT_FIELDS[name])
         by_component = [np.ascontiguousarray(a.transpose(3, 2, 0, 1)) for a in (H, P)]
-        out = self._ffi.new(
-            "PointFields *", {name: self._doubles(values) for name, values in found.items()}
-        )
-        self._lib.point_fields(points, *map(self._doubles, by_component), out)
+        pointers = {name: build.cdata(values) for name, values in found.items()}
+        out = self._ffi.new("PointFields *", pointers)
+        self._lib.point_fields(points, *map(build.cdata, by_component), out)
         return found
-
-    def _doubles(self, array: Array) -> object:
-        """Return a C pointer to the first element of ``array``, which the caller keeps alive."""
-        return self._ffi.cast("double *", array.ctypes.data)

@@ -23,7 +23,7 @@ from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_l
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
-from fem_snh.kernels.build import header
+from fem_snh.kernels.build import cdata, header
 from fem_snh.kernels.material import Compiled, Material
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.point_fields import PointFieldLoops
@@ -84,10 +84,7 @@ class StressLoops:
         shape = self._loops.num_cells, len(self._loops.tables.weights)
         weights = np.empty(shape)
         H, P = np.empty((3, 3, *shape)), np.empty((3, 3, *shape))
-        arrays = [
-            self._ffi.NULL if a is None else self._ffi.cast("double *", a.ctypes.data)
-            for a in (u, pressure, weights, H, P)
-        ]
+        arrays = [self._ffi.NULL if a is None else cdata(a) for a in (u, pressure, weights, H, P)]
         self._lib.stresses_cells(self._cells, *arrays)
         return PointStresses(weights, H.transpose(2, 3, 1, 0), P.transpose(2, 3, 1, 0))
 

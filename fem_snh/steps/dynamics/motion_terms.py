@@ -25,12 +25,9 @@ _RTOL, _INCOMPRESSIBLE = 1e-12, 1e-14
 
 
 class _MotionTerm(Term):
-    """The base of inertia and damping."""
+    """The base of inertia and damping; `Dynamics.begin_step` sets the formulas of a step."""
 
     has_energy = depends_on_load = True
-
-    def set_load(self, load: float) -> None:
-        """Do nothing: `Dynamics.begin_step` sets the formulas of a step."""
 
 
 class Inertia(_MotionTerm):
