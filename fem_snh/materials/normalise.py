@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import sympy
 
@@ -77,6 +78,14 @@ def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
     """
     a, b = (at_rest(sympy.diff(slopes[0], s)) for s in SIGMA[:2])
     return sympy.expand((a - b) / 2), sympy.expand(b)
+
+
+def solve(*args: Any, **settings: Any) -> list[Any]:
+    """Return the solutions of `sympy.solve`; [] if it finds none."""
+    try:
+        return list(sympy.solve(*args, **settings))
+    except NotImplementedError:
+        return []
 
 
 class Normalisation:
@@ -155,10 +164,7 @@ class Normalisation:
     def _solve_two(self, moduli: Moduli, target: Moduli, free: tuple[sympy.Symbol, ...]) -> Values:
         """Return the two free constants that solve both equations; BadInput unless unique."""
         equations = [m - t for m, t in zip(moduli, target, strict=True)]
-        try:
-            solutions = sympy.solve(equations, free, dict=True)
-        except NotImplementedError:
-            solutions = []
+        solutions = solve(equations, free, dict=True)
         if len(solutions) != 1 or set(solutions[0]) != set(free):
             raise BadInput(
                 f"material '{self.name}' cannot be fitted to E and nu: its constants "
@@ -198,10 +204,7 @@ class Normalisation:
         """Return the one free constant from mu_lame; unless ``mixed``, check lambda_lame too."""
         (c,) = self.free
         mu, lam = moduli
-        try:
-            solutions = sympy.solve(mu - target[0], c)
-        except NotImplementedError:
-            solutions = []
+        solutions = solve(mu - target[0], c)
         if len(solutions) != 1:
             raise BadInput(
                 f"material '{self.name}' cannot be fitted to E and nu: its shear modulus "

@@ -281,12 +281,17 @@ def default_variants(function: Function, nu: float, given: Keywords) -> dict[str
     return {key: v.default(nu) for key, v in found.items() if given.get(key) is None}
 
 
-def _annotations(function: Function, kind: type[T]) -> dict[str, T]:
-    """Return the annotations of type ``kind`` by parameter; {} if annotations cannot be read."""
+def _hints(function: Function, extras: bool = False) -> dict[str, Any]:
+    """Return the annotations, ``Annotated`` ones with ``extras``; {} if they cannot be read."""
     try:
-        hints = get_type_hints(function, include_extras=True)
+        return get_type_hints(function, include_extras=extras)
     except (NameError, TypeError, AttributeError, SyntaxError):
         return {}
+
+
+def _annotations(function: Function, kind: type[T]) -> dict[str, T]:
+    """Return the annotations of type ``kind`` by parameter."""
+    hints = _hints(function, extras=True)
     metadata = {key: getattr(hint, "__metadata__", ()) for key, hint in hints.items()}
     return {k: r for k, found in metadata.items() for r in found if isinstance(r, kind)}
 
@@ -304,10 +309,7 @@ def _kinds(function: Function) -> dict[str, Any]:
     """Return the type that each keyword of a material's function must have."""
     found: dict[str, Any] = {key: float | None for key in TUNING if key != "lambda_part"}
     found["lambda_part"] = Any  # a name or a function
-    try:
-        hints = get_type_hints(function)
-    except (NameError, TypeError, AttributeError, SyntaxError):
-        hints = {}
+    hints = _hints(function)
     for name, parameter in signature(function).parameters.items():
         if parameter.kind is not parameter.KEYWORD_ONLY:
             found[name] = float | None  # a constant that is prescribed

@@ -33,6 +33,7 @@ import sympy
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import LAME, Energy
 from fem_snh.materials.invariants import MEASURES, SIGMA
+from fem_snh.materials.normalise import solve
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
 J = MEASURES["J"]
@@ -133,10 +134,7 @@ class Split:
 @lru_cache(maxsize=64)
 def _inverses(volume: sympy.Expr) -> tuple[sympy.Expr, ...]:
     """Return the solutions J of U'(J) = p, () if sympy finds none."""
-    try:
-        return tuple(sympy.solve(sympy.Eq(sympy.diff(volume, J), PRESSURE), J))
-    except NotImplementedError:
-        return ()
+    return tuple(solve(sympy.Eq(sympy.diff(volume, J), PRESSURE), J))
 
 
 @lru_cache(maxsize=64)

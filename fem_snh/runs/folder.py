@@ -203,7 +203,7 @@ class Folder:
         self._lock: FolderLock | None = None
         self.note = on_root(comm, self._open, inputs, overwrite, resume)
         if resume and on_root(comm, (self.path / NEXT_LEVEL / LEVELS).exists):
-            self.take(self._next_level(resume=True))  # a process was killed in `take`
+            self.take(self.next_level(resume=True))  # a process was killed in `take`
 
     def _open(self, inputs: Iterable[Path], overwrite: bool, resume: bool) -> str:
         """Create and lock the folder; return `note`. On rank 0."""
@@ -240,12 +240,12 @@ class Folder:
 
         on_root(self.comm, clear)
 
-    def next_level(self) -> Folder:
-        """Return a subfolder for the next level of a run to an accuracy: see `take`. Collective."""
-        return self._next_level(overwrite=True)
+    def next_level(self, resume: bool = False) -> Folder:
+        """Return a subfolder for the next level of a run to an accuracy: see `take`. Collective.
 
-    def _next_level(self, **mode: bool) -> Folder:
-        folder = Folder(self.comm, self.path / NEXT_LEVEL, (), **mode)
+        It is a new one, or with ``resume`` the one that a process has left.
+        """
+        folder = Folder(self.comm, self.path / NEXT_LEVEL, (), not resume, resume)
         folder.final = self.path
         return folder
 

@@ -605,7 +605,8 @@ class RigidParts(Term):
         """
         poses, tree = self.poses(x), self.tree
         G = tree.jacobian(poses)
-        C = np.where(tree.free, self._derivative(poses, G), 0.0)
+        moved = self._derivative(poses, G)
+        C = np.where(tree.free, moved, 0.0)
         vector = _dolfinx.create_vector(self._V)
 
         def reduced(nodal: Array) -> Array:
@@ -626,23 +627,15 @@ class RigidParts(Term):
         first, second = (
             np.where(fixed, rates.ravel(), 0.0) for rates in self._motions.rates(self._load, step)
         )
-        basis = self._basis(poses)
-
-        def moved(rates: Array) -> Array:
-            """Return the nodes' velocities at rates of the unknowns, (nodes, components)."""
-            return np.asarray(
-                np.einsum("nik,nk->ni", basis, (G @ rates).reshape(-1, 6)[self.labels])
-            )
-
-        rates = first + np.linalg.solve(M, reduced(v[self.dofs] - moved(first)))
-        self._set_nodes(v, moved(rates))
+        rates = first + np.linalg.solve(M, reduced(v[self.dofs] - moved @ first))
+        self._set_nodes(v, moved @ rates)
         bias = tree.accelerations(poses, G, rates)[self.labels]
         omega, arms = (G @ rates).reshape(-1, 2, 3)[self.labels, 1], self._arms(poses)
         turning = bias[:, 0] + np.cross(bias[:, 1], arms) + np.cross(omega, np.cross(omega, arms))
-        turning = self._components(turning) + moved(second)
+        turning = self._components(turning) + moved @ second
         if a is None:
             return turning
-        self._set_nodes(a, turning + moved(np.linalg.solve(M, reduced(a[self.dofs] - turning))))
+        self._set_nodes(a, turning + moved @ np.linalg.solve(M, reduced(a[self.dofs] - turning)))
         return turning
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, Any]]:
