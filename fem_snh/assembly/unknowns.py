@@ -204,6 +204,14 @@ def numbers_with_ghosts(V: FunctionSpace, owned: Array) -> Array:
     return local[:, 0].astype(np.int64)
 
 
+def owned_sums(V: FunctionSpace, values: Array) -> Array:
+    """Return owned dofs' sums over the ranks of values at local dofs. Collective."""
+    vector = _dolfinx.create_vector(V)
+    writable_values(vector)[:] = values
+    add_ghosts(vector)
+    return np.array(vector.array_r)
+
+
 def summed_over_ranks(V: FunctionSpace, values: Array) -> Array:
     """Return the sums over ranks of values at local nodes, ghosts included. Collective.
 

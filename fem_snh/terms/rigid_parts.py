@@ -36,15 +36,7 @@ from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
 from fem_snh.assembly.elimination import Elimination
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import cells_of_one_label
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    local_values,
-    nodes_of_other_cells,
-    set_to_zero,
-    update_ghosts,
-    with_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.unknowns import nodes_of_other_cells, owned_sums, with_ghosts
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses, rotation_vector
 from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, skew
@@ -607,17 +599,12 @@ class RigidParts(Term):
         G = tree.jacobian(poses)
         moved = self._derivative(poses, G)
         C = np.where(tree.free, moved, 0.0)
-        vector = _dolfinx.create_vector(self._V)
 
         def reduced(nodal: Array) -> Array:
             """Return C^T M w of nodal vectors w (nodes, components), (6 parts,). Collective."""
-            set_to_zero(vector)
-            vector.array[self.dofs] = nodal
-            update_ghosts(vector)
-            forces = mass.apply(local_values(vector))
-            writable_values(vector)[:] = forces
-            add_ghosts(vector)
-            f = vector.array_r[self.dofs]
+            own = np.zeros(mass.num_owned)
+            own[self.dofs] = nodal
+            f = owned_sums(self._V, mass.apply(with_ghosts(self._V, own)))[self.dofs]
             return np.asarray(self._comm.allreduce(np.einsum("nik,ni->k", C, f)))
 
         M = np.stack([reduced(C[:, :, k]) for k in range(len(G))], axis=1)

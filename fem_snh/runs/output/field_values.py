@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
-from fem_snh.assembly.unknowns import local_values, update_ghosts
+from fem_snh.assembly.unknowns import with_ghosts
 from fem_snh.cache import untimed
 from fem_snh.errors import choose
 from fem_snh.problem.problem import Problem
@@ -129,11 +128,10 @@ class FieldValues:
         """
         problem = self._problem
         r = problem.gradient_at(problem.x)
-        free, force = r.copy(), _dolfinx.create_vector(problem.V)
+        free = r.copy()
         problem.project(free.array)
-        force.array[:] = (r - free).array_r[: problem.owned_displacements]
-        update_ghosts(force)
-        return problem.kinematics.padded(np.array(local_values(force)))
+        force = (r - free).array_r[: problem.owned_displacements]
+        return problem.kinematics.padded(with_ghosts(problem.V, force))
 
 
 class RequestedFields:

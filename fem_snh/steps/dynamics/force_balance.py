@@ -16,12 +16,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
 from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.assembly.unknowns import (
-    add_ghosts,
-    local_values,
-    update_ghosts,
-    writable_values,
-)
+from fem_snh.assembly.unknowns import local_values, owned_sums, update_ghosts, with_ghosts
 from fem_snh.geometry.rotations import skew
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
@@ -133,7 +128,7 @@ class ForceBalance:
         """Return C v [N], (owned dofs,), of a velocity (local dofs,). Collective."""
         if not self.damping:
             return np.zeros(self._mass.num_owned)
-        return self._summed(self.damping.apply(v))
+        return owned_sums(self._V, self.damping.apply(v))
 
     def start_volume_damping(self, v: Array) -> Array:
         """Return the forces [N] of a pressure's viscous part at a velocity, (owned dofs,).
@@ -191,7 +186,7 @@ class ForceBalance:
 
     def inertial_forces(self, a: Array) -> Array:
         """Return M a [N], (owned dofs,), of an acceleration (local dofs,). Collective."""
-        return self._summed(self._mass.apply(a))
+        return owned_sums(self._V, self._mass.apply(a))
 
     def other_forces(self, problem: Problem, terms: Sequence[Any] | None = None) -> Array:
         """Return the forces dE/du [N] of terms at the present state, (owned dofs,). Collective.
@@ -250,19 +245,10 @@ class ForceBalance:
             rigid.reduce_vector(problem.x, nodal)
             force = nodal.array_r[: len(force)].copy()
             rigid.prepare_mass(problem.x)
-        found = _dolfinx.create_vector(self._V)
-        found.array[:] = self._mass.solve(problem.matrix, problem.project, force)
+        found = self._mass.solve(problem.matrix, problem.project, force)
         if rigid:
-            rigid.expand(problem.x, found.array)
-        update_ghosts(found)
-        return prescribed + local_values(found)
-
-    def _summed(self, local: Array) -> Array:
-        """Return nodal forces (local dofs,) summed over the ranks, (owned dofs,). Collective."""
-        vector = _dolfinx.create_vector(self._V)
-        writable_values(vector)[:] = local
-        add_ghosts(vector)
-        return np.array(vector.array_r)
+            rigid.expand(problem.x, found)
+        return prescribed + with_ghosts(self._V, found)
 
 
 def mean_force_terms(problem: Problem) -> list[Any]:
