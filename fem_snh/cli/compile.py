@@ -25,8 +25,9 @@ _RATIOS, _OTHER_VARIANT = (0.49, 0.5), 0.3
 
 def compile_parser() -> Parser:
     """Return the parser of ``fem-snh compile``."""
-    parser = Parser("compile", "Compile the kernels of solids before a run needs them.")
-    parser.add(
+    return Parser(
+        "compile",
+        "Compile the kernels of solids before a run needs them.",
         """
         names NAME  materials; default: all
         --elements E,E  elements; default: all
@@ -34,7 +35,6 @@ def compile_parser() -> Parser:
         names={"nargs": "*", "default": names()},
         elements={"default": ",".join(ELEMENTS)},
     )
-    return parser
 
 
 def compile(argv: list[str]) -> int:

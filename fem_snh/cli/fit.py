@@ -54,13 +54,10 @@ _SHOWN = 5
 
 def fit_parser() -> Parser:
     """Return the parser of ``fem-snh fit``."""
-    parser = Parser(
+    return Parser(
         "fit",
         "Fit E and the shape parameters of a material to test data by bounded least squares, and\n"
         "write fit.json, fit.png and the table [material] of a scene.",
-        lambda: EPILOG,
-    )
-    parser.add(
         """
         names NAME  a material or FILE.py:FUNCTION, then files of test data; with --all only files;
             with --to a scene
@@ -82,6 +79,7 @@ def fit_parser() -> Parser:
         --range LOW,HIGH  stretches between which stability is evaluated
         --out DIR  folder of fit.json, fit.png and material.toml; default: out/fit
         """,
+        lambda: EPILOG,
         names={"nargs": "*"},
         set=REPEATED,
         bounds=REPEATED,
@@ -89,7 +87,6 @@ def fit_parser() -> Parser:
         solves={"type": value, "default": 12},
         out={"type": output, "default": Path("out/fit")},
     )
-    return parser
 
 
 def fit(argv: list[str]) -> int:

@@ -37,18 +37,15 @@ _WIDTH = 100
 
 def help_parser() -> Parser:
     """Return the parser of ``fem-snh help``."""
-    parser = Parser(
+    return Parser(
         "help",
         "Tell what a key of a scene, a table or a material is, what it accepts, and its default.",
-        lambda: EPILOG,
-    )
-    parser.add(
         """
         name KEY  a key with dots, as in --set, or a material; default: list all
         """,
+        lambda: EPILOG,
         name={"nargs": "?"},
     )
-    return parser
 
 
 def help(argv: list[str]) -> int:

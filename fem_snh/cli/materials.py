@@ -36,10 +36,9 @@ fem-snh materials gent.py:gent --report            a function gent in a file of 
 
 def materials_parser() -> Parser:
     """Return the parser of ``fem-snh materials``."""
-    parser = Parser(
-        "materials", "List the materials, describe one, or report how it behaves.", lambda: EPILOG
-    )
-    parser.add(
+    return Parser(
+        "materials",
+        "List the materials, describe one, or report how it behaves.",
         """
         names NAME  a material, or FILE.py:FUNCTION of your own
         --E X  Young's modulus [Pa] (default: 1)
@@ -52,6 +51,7 @@ def materials_parser() -> Parser:
         --csv FILE  also write the table to FILE
         --overwrite  replace FILE
         """,
+        lambda: EPILOG,
         names={"nargs": "*"},
         E=value,
         nu=value,
@@ -59,7 +59,6 @@ def materials_parser() -> Parser:
         plot={"nargs": "?", "const": ""},
         csv=output,
     )
-    return parser
 
 
 def materials(argv: list[str]) -> int:

@@ -27,18 +27,24 @@ class Parser(argparse.ArgumentParser):
         The command.
     description : str
         What the command does.
+    options : str, optional
+        The options, with their ``settings``: see `add`.
     epilog : callable, optional
         Returns the text after the options. It is called for the help only, so it may be slow.
     keys : iterable of str
         The keys that --set accepts.
+    **settings : dict or callable
+        See `add`.
     """
 
     def __init__(
         self,
         command: str,
         description: str,
+        options: str = "",
         epilog: Callable[[], str] = lambda: "",
         keys: Iterable[str] = (),
+        **settings: Any,
     ) -> None:
         super().__init__(
             prog=f"fem-snh {command}",
@@ -49,6 +55,8 @@ class Parser(argparse.ArgumentParser):
         self._make_epilog, self._keys = epilog, set(keys)
         # argparse's own expression knows neither -1e-3 nor -inf.
         self._negative_number_matcher = re.compile(r"-(\d|\.\d|inf$|nan$)", re.IGNORECASE)
+        if options:
+            self.add(options, **settings)
 
     def add(self, text: str, **settings: Any) -> None:
         """Add the options of a text that lists them as the help does.

@@ -37,7 +37,7 @@ _WIDTH = 98
 def run_parser() -> Parser:
     """Return the parser of ``fem-snh run``."""
     keys = scenes.Scene.model_fields
-    parser = Parser("run", "Solve a scene by load steps.", scene_list, keys)
+    parser = Parser("run", "Solve a scene by load steps.", epilog=scene_list, keys=keys)
     parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
     _add_scene_options(parser, type=value)
     parser.add(
@@ -156,8 +156,8 @@ def sweep_parser() -> Parser:
         "sweep",
         "Solve a scene for every combination of values, --jobs of them at a time.\n"
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
-        scene_list,
-        scenes.Scene.model_fields,
+        epilog=scene_list,
+        keys=scenes.Scene.model_fields,
     )
     parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={})
     _add_scene_options(parser, ",..")

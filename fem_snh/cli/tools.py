@@ -33,8 +33,9 @@ _VIEW = """--clip NORMAL[@POINT]  cut the deformed body by a plane and remove th
 
 def plot_parser() -> Parser:
     """Return the parser of ``fem-snh plot``."""
-    parser = Parser("plot", "Draw curves from run folders (one line each) or from a study's table.")
-    parser.add(
+    return Parser(
+        "plot",
+        "Draw curves from run folders (one line each) or from a study's table.",
         """
         paths DIR|TABLE.csv  what to draw
         --out PNG  file of the picture
@@ -47,7 +48,6 @@ def plot_parser() -> Parser:
         paths={"nargs": "+", "type": Path},
         out=output,
     )
-    return parser
 
 
 @reading()
@@ -70,8 +70,9 @@ def plot(argv: list[str]) -> int:
 
 def render_parser() -> Parser:
     """Return the parser of ``fem-snh render``."""
-    parser = Parser("render", "Draw the deformed body of a run folder, one panel per load.")
-    parser.add(
+    return Parser(
+        "render",
+        "Draw the deformed body of a run folder, one panel per load.",
         """
         folder DIR  folder of a run
         --out PNG  file of the picture
@@ -93,7 +94,6 @@ def render_parser() -> Parser:
         seconds={"type": float, "default": 4.0},
         zoom={"type": float, "default": 1.0},
     )
-    return parser
 
 
 @reading()
@@ -138,12 +138,10 @@ def _movie(args: Namespace) -> int:
 
 def view_parser() -> Parser:
     """Return the parser of ``fem-snh view``."""
-    parser = Parser(
+    return Parser(
         "view",
         "Write a run as one HTML page that needs no other file and no network: the body in three "
         "dimensions, curves, steps, settings and versions.",
-    )
-    parser.add(
         """
         folder DIR  folder of a run
         --out HTML  the page; default: DIR/view.html
@@ -155,7 +153,6 @@ def view_parser() -> Parser:
         field={"default": "J"},
         zoom={"type": float, "default": 1.0},
     )
-    return parser
 
 
 @reading()
@@ -169,13 +166,11 @@ def view(argv: list[str]) -> int:
 
 def export_parser() -> Parser:
     """Return the parser of ``fem-snh export``."""
-    parser = Parser(
+    return Parser(
         "export",
         "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
         "or the deformed surface as a sequence of OBJ files; or a gmsh file, "
         "or the mesh of an .xao file, as an XDMF file, of which every rank reads its part.",
-    )
-    parser.add(
         """
         folder DIR|MSH  folder of a run; or a gmsh or .xao file, for NAME.xdmf
         out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...
@@ -183,7 +178,6 @@ def export_parser() -> Parser:
         folder=Path,
         out=output,
     )
-    return parser
 
 
 def export(argv: list[str]) -> int:
