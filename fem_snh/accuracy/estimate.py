@@ -114,10 +114,8 @@ def estimate_error(
         announce_cost(problem, used, estimate, options)
         created_in = partial(create_in, problem=problem, make=make)
         element, lifted = first_that_fits(elements, created_in)
-        estimate.element, of_penalties = (
-            element.name,
-            penalty_errors(problem, goals, estimate, options.update),
-        )
+        of_penalties = penalty_errors(problem, goals, estimate, options.update)
+        estimate.element = element.name
         with closing(Lift(problem, lifted, options.update)) as lift:
             values, unsettled = lift.differences(goals, estimate, options.matters)
             if lift.may_be_unstable(options.stability):

@@ -403,6 +403,15 @@ def embedded_surface(
     return EmbeddedSurface.of_skin(V, skin)
 
 
+def triangle_areas(points: Array, triangles: Array) -> Array:
+    """Return the areas of triangles [m^2], or the lengths of a curve's parts [m]."""
+    corners = points[triangles]
+    ways = corners[:, 1:] - corners[:, :1]
+    if ways.shape[1] == 1:
+        return np.asarray(np.linalg.norm(ways[:, 0], axis=1))
+    return np.asarray(np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1) / 2)
+
+
 def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Array:
     r"""Return the area of each point of a surface, (n,) [m^2]: a third of its triangles' areas.
 
@@ -418,15 +427,10 @@ def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Arra
     revolved : bool
         Whether the segments revolve about the axis x = 0.
     """
-    corners, count = points[triangles], triangles.shape[1]
-    ways = corners[:, 1:] - corners[:, :1]
-    if count == 2:
-        parts = np.linalg.norm(ways[:, 0], axis=1) / 2
-    else:
-        parts = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1) / 6
-    each = np.repeat(parts, count)
+    count = triangles.shape[1]
+    each = np.repeat(triangle_areas(points, triangles) / count, count)
     if revolved:
-        r = np.maximum(corners[:, :, 0], 0.0)  # rounding errors on the axis
+        r = np.maximum(points[triangles, 0], 0.0)  # rounding errors on the axis
         each *= (2 * np.pi * (r + r.sum(axis=1, keepdims=True)) / 3).ravel()
     return np.bincount(triangles.ravel(), each, len(points))
 

@@ -24,7 +24,12 @@ from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.closest_points import Normals, PseudoNormals, intersect
-from fem_snh.contact.gathered_surface import Blocks, EmbeddedSurface, SurfaceMatrix
+from fem_snh.contact.gathered_surface import (
+    Blocks,
+    EmbeddedSurface,
+    SurfaceMatrix,
+    triangle_areas,
+)
 from fem_snh.contact.samples import (
     OUTSIDE,
     SHARP,
@@ -35,7 +40,6 @@ from fem_snh.contact.samples import (
     cell_stiffness,
     smallest_at_points,
     surface_values,
-    triangle_areas,
 )
 from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
@@ -287,7 +291,8 @@ class TargetSearch:
         #: Vertices around each sample and each edge. Nothing that shares a vertex touches.
         self._around = self._near.around(corners, self.samples.coordinates > 0)
         if self._dim == 3:  # the parts of a curve cross at their points alone
-            self._edges, areas = SurfaceEdges(surface.triangles), triangle_areas(surface)
+            areas = triangle_areas(surface.points, surface.triangles)
+            self._edges = SurfaceEdges(surface.triangles)
             self._edge_areas = _EDGE_AREA * areas[self._edges.triangles].sum(axis=1)
             self._around_edges = self._near.around(self._edges.points)
         self._sample_sizes = self.samples.at(sizes)
@@ -376,10 +381,8 @@ class TargetSearch:
         the normal is the edge's or corner's. Otherwise it is averaged over smoothly adjacent
         triangles, so that it does not jump where a sample slides from triangle to triangle.
         """
-        smooth, edges = (
-            surface.averaged(target, coordinates, SHARP),
-            surface.at(target, coordinates),
-        )
+        smooth = surface.averaged(target, coordinates, SHARP)
+        edges = surface.at(target, coordinates)
         outward = surface.outward
         arm = points - surface_values(x, self._surface.triangles[target], coordinates)
         across = arm - np.einsum("ni,ni->n", arm, outward[target])[:, None] * outward[target]

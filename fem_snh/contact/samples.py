@@ -14,7 +14,7 @@ from fem_snh._dolfinx import FunctionSpace
 from fem_snh.assembly.cell_search import CellSearch, Hits
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.closest_points import intersect
-from fem_snh.contact.gathered_surface import EmbeddedSurface
+from fem_snh.contact.gathered_surface import EmbeddedSurface, triangle_areas
 from fem_snh.contact.law import cell_moduli
 from fem_snh.mesh.mesh import cell_volumes
 
@@ -75,7 +75,7 @@ class SurfaceSamples:
 
     def __init__(self, surface: EmbeddedSurface, sizes: Array, revolved: bool = False) -> None:
         self._surface, triangles = surface, surface.triangles
-        areas, corners = triangle_areas(surface), triangles.shape[1]
+        areas, corners = triangle_areas(surface.points, triangles), triangles.shape[1]
         faces = sizes[triangles].mean(axis=1) ** (corners - 1)
         fine = faces.mean() >= _PARTS_PER_FACE[corners] * areas.mean()
         weights = (_CORNERS if fine else _ALL)[corners]
@@ -148,14 +148,6 @@ class SurfaceSamples:
         """Return each triangle at ``samples``: index of the sample, triangle, part of its area."""
         parts = self._parts[samples]
         return np.repeat(np.arange(len(samples)), np.diff(parts.indptr)), parts.indices, parts.data
-
-
-def triangle_areas(surface: EmbeddedSurface) -> Array:
-    """Return the reference areas of a surface's triangles [m^2], or lengths of segments [m]."""
-    a, b, *others = (surface.points[ends] for ends in surface.triangles.T)
-    if not others:
-        return np.asarray(np.linalg.norm(b - a, axis=1))
-    return np.asarray(np.linalg.norm(np.cross(b - a, others[0] - a), axis=1) / 2)
 
 
 def surface_values(x: Array, corners: Array, coordinates: Array) -> Array:

@@ -52,10 +52,8 @@ def read_corners(path: Path) -> Array:
     kind = "OBJ file with faces" if is_obj else "STL file with triangles"
     if not surface.GetNumberOfPolys():
         raise BadInput(f"surface = '{path}': expected an {kind}, found none")
-    count, used = (
-        surface.GetNumberOfPoints(),
-        vtk_to_numpy(surface.GetPolys().GetConnectivityArray()),
-    )
+    count = surface.GetNumberOfPoints()
+    used = vtk_to_numpy(surface.GetPolys().GetConnectivityArray())
     if not len(used) or used.min() < 0 or used.max() >= count:
         raise BadInput(f"surface = '{path}': expected faces of its {count} points")
     triangulated = vtkTriangleFilter()

@@ -83,9 +83,7 @@ def _near_rest(x, m, a):
     slope = SMALL * (y / (1 - y) - a * sqrt(SMALL / 2)) / 2
     curvature = SMALL * (y / (1 - y) ** 2 - a * sqrt(SMALL / 2)) / 4
     t = x / SMALL
-    c2, c3, c4 = (
-        6 * value - 3 * slope + curvature / 2,
-        -8 * value + 5 * slope - curvature,
-        3 * value - 2 * slope + curvature / 2,
-    )
+    c2 = 6 * value - 3 * slope + curvature / 2
+    c3 = -8 * value + 5 * slope - curvature
+    c4 = 3 * value - 2 * slope + curvature / 2
     return x / 2 + t**2 * (c2 + t * (c3 + t * c4))
