@@ -327,13 +327,11 @@ class EmbeddedSurface:
         # Points in the order in which the facets name them.
         used, first, index = np.unique(triangles, return_index=True, return_inverse=True)
         order = np.argsort(first)
-        rank = np.empty(len(order), np.int32)
-        rank[order] = np.arange(len(order))
         nodes = surface.nodes[used[order]]
         return cls(
             V,
             surface.X[used[order]],
-            rank[index].reshape(-1, triangles.shape[-1]),
+            np.argsort(order)[index].reshape(-1, triangles.shape[-1]),
             nodes[:, None],
             np.ones((len(nodes), 1)),
         )

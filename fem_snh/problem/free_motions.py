@@ -126,20 +126,17 @@ class Supports:
     def _conditions(self) -> Array:
         """Return the sum of w w^T of Dirichlet conditions and rigid parts, (6 parts, 6 parts)."""
         problem, modes = self._problem, self._modes
-        size = 6 * len(self.sizes)
-        gram = np.zeros((size, size))
         sums = np.zeros((len(self.sizes), 6, 6))
         node, component = np.nonzero(problem.dirichlet.constrained[: len(modes)])
-        rows, part_of = modes[node, component], self.labels[node]
-        for part in np.unique(part_of):
-            own_rows = rows[part_of == part]
-            sums[part] = own_rows.T @ own_rows
+        rows = modes[node, component]
+        np.add.at(sums, self.labels[node], rows[:, :, None] * rows[:, None])
         if planes := problem.dirichlet.planes:
             own = slice(planes.num_owned)
             nodes, of = planes.nodes[own], modes[planes.nodes[own]]
             blocks = np.einsum("nik,nij,njl->nkl", of, planes.bases[own], of)
             np.add.at(sums, self.labels[nodes], blocks)
         none = np.diag(1.0 - np.array(problem.kinematics.rigid_motions))
+        gram = np.zeros((6 * len(sums), 6 * len(sums)))
         for part, block in enumerate(self._comm.allreduce(sums)):
             own_motions = slice(6 * part, 6 * part + 6)
             gram[own_motions, own_motions] = block + none * max(1.0, np.trace(block))
@@ -342,6 +339,4 @@ def _connected_parts(problem: Problem) -> tuple[Array, Array]:
     part = part[: _dolfinx.num_nodes(problem.V)[0]]
     sizes = comm.allreduce(np.bincount(part, minlength=count))
     order = np.argsort(-sizes, kind="stable")
-    number = np.empty(count, np.int64)
-    number[order] = np.arange(count)
-    return number[part], sizes[order][: int((sizes > 0).sum())]
+    return np.argsort(order)[part], sizes[order][: int((sizes > 0).sum())]

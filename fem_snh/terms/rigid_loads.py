@@ -81,9 +81,8 @@ class RigidLoads:
 
     def loads(self, poses: Poses) -> Array:
         """Return minus the forces and moments of loads without drives, (6 parts,)."""
-        loads = self._loads.copy()
-        for i in np.flatnonzero(self._follows):
-            loads[i] = loads[i] @ poses.R[i].T
+        loads, follow = self._loads.copy(), self._follows
+        loads[follow] = loads[follow] @ np.swapaxes(poses.R[follow], 1, 2)
         return -loads.ravel()
 
     def springs(self, poses: Poses) -> Array:
@@ -99,11 +98,7 @@ class RigidLoads:
 
     def spring_matrix(self, poses: Poses) -> Array:
         """Return the second derivative of the springs' energy by twists, (6 parts, 6 parts)."""
-        size = UNKNOWNS * len(self._stiffness)
-        found = np.zeros((size, size))
-        for i in np.flatnonzero(self._stiffness):
-            k = slice(UNKNOWNS * i, UNKNOWNS * i + 3)
-            found[k, k] += self._stiffness[i] * np.eye(3)
+        found = np.diag(np.outer(self._stiffness, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]).ravel())
         for i in np.flatnonzero(self._rotational):
             found += self._rotational[i] * self._tree.spring_stiffness(poses, i)
         return found

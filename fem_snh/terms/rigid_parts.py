@@ -229,8 +229,7 @@ class RigidParts(Term):
         G = tree.jacobian(self._rest)
         twists = np.concatenate([G[:, tree.free].T, np.array(prescribed) @ G.T])
         twists = twists.reshape(-1, size, 2, 3).swapaxes(0, 1).copy()
-        for found, point in zip(twists, tree.points, strict=True):
-            found[:, 0] -= np.cross(found[:, 1], point)
+        twists[:, :, 0] -= np.cross(twists[:, :, 1], tree.points[:, None])
         return list(twists)
 
     def _choose_slots(self, to_global: Array) -> Array:
