@@ -8,6 +8,7 @@ import re
 import textwrap
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -129,10 +130,8 @@ def value(text: str, key: str = "value") -> Any:
     BadInput
         For a text that begins a list or a table, and is neither TOML nor JSON.
     """
-    try:
+    with suppress(ValueError):  # no TOML, or a whole number of more than 4300 digits
         return tomllib.loads(f"value = {text}")["value"]
-    except ValueError:  # no TOML, or a whole number of more than 4300 digits
-        pass
     if text.startswith(("[", "{")):
         try:
             return json.loads(text)

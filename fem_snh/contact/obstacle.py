@@ -94,11 +94,7 @@ class Obstacle(Feature, ContactTable, MotionTable):
         from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact  # imports PETSc
 
         comm, kinematics = body.domain.comm, body.kinematics
-
-        def read() -> list[MovingShape]:
-            return [o.moving(body.amplitudes) for o in features]
-
-        shapes = on_every(comm, read)
+        shapes = on_every(comm, lambda: [o.moving(body.amplitudes) for o in features])
         if kinematics.dim == 2:
             shapes = [_in_plane(kinematics, *pair) for pair in zip(names(features), shapes)]
         contacts = []

@@ -15,6 +15,7 @@ alone, which no coarse mesh knows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import ceil
 from typing import Any
 
@@ -540,10 +541,8 @@ def _von_mises(material: Material, F: Any, modulus: float) -> Any:
     from fem_snh.materials.volume_split import split
 
     energy = material.expression
-    try:
+    with suppress(BadInput):  # no volume term of its own: all of the energy
         energy = split(energy, BOUNDS["mean"]).deviatoric
-    except BadInput:  # no volume term of its own: all of the energy
-        pass
     s = ufl.dev(ufl.diff(energy_density(energy, F), F) * F.T / (modulus * ufl.det(F)))
     return ufl.sqrt(1.5 * ufl.inner(s, s) + _ZERO**2)
 
@@ -666,11 +665,7 @@ class RigidGoal(VectorGoal):
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-
-        def values() -> list[float]:
-            return self.components_of(problem.rigid_states(problem.x)[self._part][self.kind])
-
-        return values
+        return lambda: self.components_of(problem.rigid_states(problem.x)[self._part][self.kind])
 
     def dual(self, at: Linearisation, number: int) -> Dual:
         """See `Goal.dual`."""

@@ -39,6 +39,8 @@ Array = npt.NDArray[Any]
 #: Load interval over which prescribed motions are differenced at the start: their rounding errors
 #: are then far below the tolerance of forces.
 _START = 5e-4
+#: Names of the fields of `Before` in a checkpoint.
+_BEFORE = ("u_before", "v_before", "a_before")
 
 
 class _Step(NamedTuple):
@@ -388,8 +390,7 @@ class Dynamics:
         fields = {"v": self.v.x.array, "a": self.a.x.array}
         if self._before and (self.integrator.num_steps > 1 or self._motion.by_hand):
             about["step_before"] = self._before.size
-            names = ("u_before", "v_before", "a_before")
-            fields |= dict(zip(names, self._before[1:], strict=True))
+            fields |= dict(zip(_BEFORE, self._before[1:], strict=True))
         if self._by_means is not None:
             fields["by_means"] = self._by_means
         if self._balance.damping:
@@ -424,8 +425,7 @@ class Dynamics:
         self._first_energy = about.get("first_energy")
         self._before, self._by_means = None, fields.get("by_means")
         if "u_before" in fields:
-            motion = (fields[name] for name in ("u_before", "v_before", "a_before"))
-            self._before = Before(about["step_before"], *motion)
+            self._before = Before(about["step_before"], *(fields[name] for name in _BEFORE))
         none, owned = np.zeros(self.mass.num_owned), slice(self.mass.num_owned)
         self._damping = fields.get("damping", none)[owned]
         self._forces = fields.get("forces", none)[owned]
