@@ -565,7 +565,7 @@ def sizes_near(x: Array, point: Array, radius: float) -> Array:
     return np.where(near, (high - low).max(axis=1), 0.0)
 
 
-class TermGoal(Goal):
+class TermGoal(VectorGoal):
     """A result of a term: components of a force of contact [N], or a fluid's pressure [Pa].
 
     Parameters
@@ -579,20 +579,15 @@ class TermGoal(Goal):
     """
 
     def __init__(self, name: str, components: Sequence[int] = (), label: str = "") -> None:
-        shown = label or name
-        names = [f"{shown}.{AXES[i]}" for i in components] or [shown]
-        super().__init__(names, "force" if components else "functional")
-        self._name, self._components = name, list(components) or [0]
+        super().__init__(label or name, components, "force" if components else "functional")
+        self._name = name
+        if not components:
+            self.names, self._components = [label or name], [0]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
         term = self._term(problem)
-
-        def values() -> list[float]:
-            found = term.goal(self._name, problem.split(problem.x)[0])
-            return [float(found[i]) for i in self._components]
-
-        return values
+        return lambda: self.components_of(term.goal(self._name, problem.split(problem.x)[0]))
 
     def is_without_contact(self, problem: Problem) -> bool:
         """Return whether it is a force that is rounding, with all its components. Collective."""
