@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -63,8 +64,7 @@ class Kinematics:
     @property
     def moment_axes(self) -> tuple[str, ...]:
         """The axes about which forces with the displacement's components can have a moment."""
-        rotations = self.rigid_motions[3:]
-        return tuple(axis for axis, is_free in zip("xyz", rotations, strict=True) if is_free)
+        return tuple(compress("xyz", self.rigid_motions[3:]))
 
     @property
     def volume_dimension(self) -> int:
@@ -90,8 +90,7 @@ class Kinematics:
     @property
     def rotations(self) -> list[tuple[int, int]]:
         """The two components that each rigid rotation mixes, by axis in the order x, y, z."""
-        pairs = zip(((1, 2), (2, 0), (0, 1)), self.rigid_motions[3:], strict=True)
-        return [pair for pair, exists in pairs if exists]
+        return list(compress(((1, 2), (2, 0), (0, 1)), self.rigid_motions[3:]))
 
     @property
     def definitions(self) -> list[str]:

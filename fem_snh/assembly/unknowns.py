@@ -225,11 +225,7 @@ def summed_over_ranks(V: FunctionSpace, values: Array) -> Array:
     -------
     (local nodes, components) array
     """
-    vector = _dolfinx.create_vector(V)
-    writable_values(vector)[:] = values.ravel()
-    add_ghosts(vector)
-    update_ghosts(vector)
-    return np.array(local_values(vector)).reshape(values.shape)
+    return with_ghosts(V, owned_sums(V, values.ravel())).reshape(values.shape)
 
 
 def summed_over_cells(V: FunctionSpace, values: Array, nodes: Array | None = None) -> Array:
