@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -208,8 +208,8 @@ class SolvableProblem(Protocol):
         """Return the reference coordinates [m] of the nodes that this rank owns, (n, 3)."""
 
     @property
-    def rotations(self) -> Sequence[tuple[int, int]]:
-        """Return the two components that each rigid rotation of the body mixes."""
+    def kinematics(self) -> Any:
+        """Return the displacement's `fem_snh.assembly.kinematics.Kinematics`."""
 
     def nodal(self, x: PETSc.Vec) -> Array:
         """Return a read-only view of the displacement in ``x``, (owned nodes, components) [m]."""

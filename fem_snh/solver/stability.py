@@ -22,6 +22,7 @@ finds the eigenvalues of S next to zero on either side.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import compress
 from math import isfinite, sqrt
 
 from petsc4py import PETSc
@@ -31,6 +32,7 @@ import numpy.typing as npt
 
 from fem_snh._petsc import set_operators, vector_like
 from fem_snh.errors import BadInput
+from fem_snh.geometry.rotations import rigid_displacements
 from fem_snh.linalg.direct_solver import SymmetricFactors
 from fem_snh.linalg.ssor_cg import context_of
 from fem_snh.solver.block_triangular import BlockTriangular
@@ -215,16 +217,13 @@ class EquilibriumStability:
 
     def _free_rotations(self, x: PETSc.Vec) -> list[PETSc.Vec]:
         r"""Return the rotations :math:`\omega \times x` that nothing constrains. Collective."""
-        problem, u, found = self._problem, self._problem.nodal(x), []
-        size = u.shape[1]
-        points = u + problem.coordinates[:, :size]
-        if size == problem.regime.dimension:  # else about the axis of a body of revolution
+        problem, kinematics, found = self._problem, self._problem.kinematics, []
+        points = problem.coordinates + kinematics.padded(problem.nodal(x))
+        if not kinematics.revolved:  # else about the axis of a body of revolution
             points -= self._centre(points)
-        projected = x.duplicate()
-        for i, j in problem.rotations:
-            rotation = np.zeros_like(points)
-            rotation[:, i], rotation[:, j] = -points[:, j], points[:, i]
-            w = vector_like(x, rotation.ravel())
+        projected, rotations = x.duplicate(), rigid_displacements(points)[3:]
+        for rotation in compress(rotations, kinematics.rigid_motions[3:]):
+            w = vector_like(x, rotation[:, : kinematics.components].ravel())
             w.copy(projected)
             problem.project(projected.array)
             projected.axpy(-1.0, w)
@@ -253,7 +252,7 @@ class EquilibriumStability:
         ones = self._problem.x.duplicate()
         ones.set(1.0)
         self._problem.project(ones.array)
-        held = (ones.array_r[: points.size].reshape(points.shape) != 1).any(axis=1)
+        held = (self._problem.nodal(ones) != 1).any(axis=1)
         rows = [np.append(chosen.sum(axis=0), len(chosen)) for chosen in (points[held], points)]
         of_held, of_all = self._problem.comm.allreduce(np.array(rows))
         *sums, count = of_held if of_held[-1] else of_all
