@@ -11,9 +11,9 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import cache
+from fem_snh.arrays import ArrayLike
 from fem_snh.errors import BadInput
 
 ffi = cache.c_declarations("""
@@ -91,7 +91,7 @@ _SINGULAR = "fem_snh_singular"
 _DEFINITE = "fem_snh_definite"
 
 
-def vector_like(x: PETSc.Vec, values: npt.ArrayLike = ()) -> PETSc.Vec:
+def vector_like(x: PETSc.Vec, values: ArrayLike = ()) -> PETSc.Vec:
     """Return a new vector of the layout of ``x``: on each rank ``values`` (n,), then zeros."""
     vector, first = x.duplicate(), np.asarray(values)
     vector.set(0.0)

@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.kernels.material import Material
@@ -18,7 +18,6 @@ from fem_snh.problem.definition import DENSITIES, check_materials
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.stepping import Stepper
 
-Array = npt.NDArray[np.float64]
 #: A function that returns velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
 Velocity = Callable[[Array], Array]
 

@@ -11,9 +11,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh.accuracy import estimate, path_errors
+from fem_snh.arrays import Array
 from fem_snh.problem import modes as vibrations
 from fem_snh.problem import reactions
 from fem_snh.problem.definition import lifted_problem
@@ -23,8 +23,6 @@ from fem_snh.problem.program_goals import program_goals
 if TYPE_CHECKING:
     from fem_snh.accuracy.goal_errors import Estimate
     from fem_snh.nonlinear_problem import NonlinearProblem
-
-Array = npt.NDArray[Any]
 
 
 def estimate_error(problem: NonlinearProblem, goals: Mapping[str, Any] | Sequence[Any]) -> Estimate:

@@ -18,7 +18,7 @@ import numpy as np
 import ufl
 from dolfinx.mesh import Mesh
 
-Array = np.ndarray
+from fem_snh.arrays import Array
 
 #: The facets of each kind of cell.
 FACET_OF = {

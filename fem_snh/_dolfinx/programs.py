@@ -14,8 +14,7 @@ from dolfinx import fem
 from dolfinx.fem import FunctionSpace
 
 from fem_snh._dolfinx.meshes import exterior_facets, num_owned
-
-Array = np.ndarray
+from fem_snh.arrays import Array
 
 
 def is_function(u: Any) -> bool:

@@ -9,7 +9,6 @@ from typing import Any
 import basix
 import dolfinx
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, plot
 from dolfinx.fem import FunctionSpace
@@ -24,9 +23,8 @@ from fem_snh._dolfinx.meshes import (
     num_owned,
     reference_facets,
 )
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.cache import compiling
-
-Array = np.ndarray
 
 #: VTK's numbers of its Lagrange cells.
 _VTK_LAGRANGE = {"triangle": 69, "quadrilateral": 70, "tetrahedron": 71, "hexahedron": 72}
@@ -95,7 +93,7 @@ def cell_measures(
     return _measures(domain, "dx", domain.topology.dim, regions, **metadata)
 
 
-def constant(domain: Mesh, value: npt.ArrayLike) -> fem.Constant:
+def constant(domain: Mesh, value: ArrayLike) -> fem.Constant:
     """Return a UFL constant; its value can change without compiling a form again."""
     return fem.Constant(domain, np.asarray(value, dtype=np.float64))
 

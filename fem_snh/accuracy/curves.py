@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import OF_VECTOR
 from fem_snh.accuracy.goal_errors import Estimate, GoalCurve, GoalError
 from fem_snh.accuracy.path_errors import GoalHistory
+from fem_snh.arrays import Array
 from fem_snh.problem.goals import Goal, names_of, slices_of
-
-Array = npt.NDArray[np.float64]
 
 
 def curves_of(

@@ -26,12 +26,12 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import negative_pivots
 from fem_snh.accuracy.effectivity import OF_VECTOR
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
+from fem_snh.arrays import Array
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import is_direct
@@ -42,8 +42,6 @@ from fem_snh.problem.goals import Goal, bind_all, slices_of
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.state_notes import is_at_rest
 from fem_snh.solver.stability import are_factors_cheap, has_negative_curvature, is_definite
-
-Array = npt.NDArray[np.float64]
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"

@@ -18,9 +18,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from fem_snh.arrays import Array
 
 #: What a better discretisation leaves of an error, at most: a third, as Richardson's with order
 #: log2(3) on halved cells. The error is then 3/4 to 3/2 of the estimate, which misses at most half

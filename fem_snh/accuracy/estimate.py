@@ -12,7 +12,6 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.differences import SETTLED, Lift, saturation
@@ -37,6 +36,7 @@ from fem_snh.accuracy.lift import (
     memory,
 )
 from fem_snh.accuracy.penalties import penalty_errors
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.unknowns import num_unknowns
 from fem_snh.cache import Stopwatch
@@ -48,7 +48,6 @@ from fem_snh.problem.goals import Goal, StressGoal, TermGoal, names_of
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.state_notes import is_at_rest
 
-Array = npt.NDArray[np.float64]
 #: Goals are relative to the largest component of their vector that was asked for, or to this part
 #: of the largest displacement or force, if that is more.
 _LEAST_SCALE = 1e-3

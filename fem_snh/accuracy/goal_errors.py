@@ -11,9 +11,9 @@ from operator import or_
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import MISSED, measure
+from fem_snh.arrays import Array
 from fem_snh.errors import in_words
 from fem_snh.problem.goals import Goal, names_of, vector_of
 from fem_snh.problem.problem import Problem
@@ -420,7 +420,7 @@ class Estimate:
     again: int = 0
     seconds: float = 0.0
     jit: float = 0.0
-    indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    indicators: dict[str, Array] = field(default_factory=dict, repr=False)
     places: dict[str, Place] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     loads: dict[str, float] = field(default_factory=dict)
@@ -446,11 +446,11 @@ class Estimate:
         combined["loads"] = {n: load for load, e in estimates.items() if load < 1 for n in e.goals}
         return cls(**combined)
 
-    def values(self, goals: Sequence[Goal]) -> npt.NDArray[np.float64]:
+    def values(self, goals: Sequence[Goal]) -> Array:
         """Return the values of goals in the run, (scalars,)."""
         return np.array([self.goals[name].value for name in names_of(goals)])
 
-    def scales(self, goals: Sequence[Goal]) -> npt.NDArray[np.float64]:
+    def scales(self, goals: Sequence[Goal]) -> Array:
         """Return what the errors of goals are relative to, (scalars,)."""
         return np.array([self.goals[name].scale for name in names_of(goals)])
 

@@ -16,24 +16,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from itertools import chain
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.accuracy.differences import Lift
 from fem_snh.accuracy.goal_errors import Place
+from fem_snh.arrays import Array
 from fem_snh.assembly.unknowns import summed_over_cells, with_ghosts
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.duals import Linearisation
 from fem_snh.problem.goals import Goal, TermGoal
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[Any]
 
 
 def cell_indicators(lift: Lift, goals: Sequence[Goal], chosen: Collection[str]) -> dict[str, Array]:

@@ -12,7 +12,6 @@ from math import ceil, inf, log
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh.accuracy.goal_errors import (
     LOAD_STEPS,
@@ -23,9 +22,8 @@ from fem_snh.accuracy.goal_errors import (
     with_scales_of_forces,
 )
 from fem_snh.accuracy.refinement import left_by_uniform
+from fem_snh.arrays import Array
 from fem_snh.problem.goals import vector_of
-
-Array = npt.NDArray[Any]
 
 #: Largest factors by which the time steps of a level are shorter, and its penalties stiffer: with
 #: more, it finds no equilibrium from the state of the last.

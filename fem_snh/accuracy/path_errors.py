@@ -18,7 +18,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numpy.linalg import norm
 
 from fem_snh.accuracy.differences import saturation
@@ -40,12 +39,11 @@ from fem_snh.accuracy.goal_errors import (
 )
 from fem_snh.accuracy.lift import first_that_fits, lifted_elements
 from fem_snh.accuracy.penalties import STIFFER, without_penalties
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import Element
 from fem_snh.choices import LARGEST, LOAD_DIGITS
 from fem_snh.problem.goals import Goal, bind_all, is_as_far, slices_of
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[Any]
 
 #: The number of a path's steps is a multiple of this where half and a quarter of them measure their
 #: error; and fewer time steps, in half or in a quarter of them, resolve no motion.

@@ -10,16 +10,14 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import solver
 from fem_snh.accuracy.differences import SETTLED
 from fem_snh.accuracy.effectivity import of_order
 from fem_snh.accuracy.goal_errors import Estimate, NoEstimate
+from fem_snh.arrays import Array
 from fem_snh.problem.goals import Goal, bind_all, slices_of
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[np.float64]
 
 #: Prefix of its solver's options: those of the run are for its load steps.
 PREFIX = f"{solver.PREFIX}penalty_"

@@ -21,11 +21,9 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh.accuracy.effectivity import MISSED
-
-Array = npt.NDArray[np.float64]
+from fem_snh.arrays import Array
 
 #: Cells that a bisection of those at a vertex adds, where sizes grow by about a = 0.35 of the
 #: distance (`fem_snh.mesh.bisection`): pi log(2) / (a^2 sqrt(3)/4).
@@ -49,7 +47,7 @@ class Lineage(NamedTuple):
         The sizes of the errors of each goal in them.
     """
 
-    parents: npt.NDArray[np.int64]
+    parents: Array
     errors: Array
     rates: Array
     of_goals: Mapping[str, Array] = {}
@@ -92,7 +90,7 @@ def left_by_uniform(before: int, dofs: int, degree: int, dim: int) -> float:
     return float(min(before / dofs, 1.0) ** (2.0 * degree / dim))
 
 
-def unmeasured(errors: Array, error: float, parents: npt.NDArray[np.int64], before: Array) -> float:
+def unmeasured(errors: Array, error: float, parents: Array, before: Array) -> float:
     """Return a goal's errors on the mesh before of which an effectivity says nothing.
 
     The cells with the largest errors have half of their sum. The change between the two meshes was

@@ -11,17 +11,14 @@ turn do not change the pattern each time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.matrix_layout import MixedDofMap
-
-Array = npt.NDArray[Any]
 
 #: When pairs are added, the former pairs are kept if their number is at most this factor times the
 #: number of required pairs: zero blocks cost the linear solver time, and a new pattern costs about

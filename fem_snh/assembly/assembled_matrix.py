@@ -24,20 +24,17 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
-from fem_snh.assembly.added_couplings import Couplings
+from fem_snh.arrays import Array
 from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
 from fem_snh.assembly.matrix_layout import MatrixLayout, MixedDofMap, Received
 from fem_snh.kernels.block_pattern import concatenated_ranges
 from fem_snh.kernels.cell_matrices import Addresses, MatrixAddition
 
 if TYPE_CHECKING:
+    from fem_snh.assembly.added_couplings import Couplings
     from fem_snh.assembly.elimination import Elimination
-
-Array = npt.NDArray[Any]
-
 
 #: ``add(array, targets, values)`` adds values at offsets of an array, numbered as in
 #: `MatrixLayout.block_positions`.
@@ -280,7 +277,7 @@ class BlockMatrix:
             gives all pairs in the rows that it owns; pairs in other ranks' rows are ignored.
         """
         if self._couplings is None:
-            self._couplings = Couplings(self._dof_map, self.constrained_dofs)
+            self._couplings = self._no_couplings()
         if self._couplings.require(pairs):
             self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
             self._couple_eliminated()
@@ -292,9 +289,14 @@ class BlockMatrix:
         extended by `Elimination.pairs`, and the matrix is then zero.
         """
         self._elimination = create(self._dof_map)
-        self._couplings = Couplings(self._dof_map, self.constrained_dofs)
+        self._couplings = self._no_couplings()
         self._couple_eliminated()
         return self._elimination
+
+    def _no_couplings(self) -> Couplings:
+        from fem_snh.assembly.added_couplings import Couplings
+
+        return Couplings(self._dof_map, self.constrained_dofs)
 
     def _couple_eliminated(self) -> None:
         """Extend the sparsity pattern by `Elimination.pairs`, if there is an elimination."""

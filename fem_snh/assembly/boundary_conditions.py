@@ -11,9 +11,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.inclined_planes import InclinedPlanes, NodePlane, plane_through
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.unknowns import summed_over_ranks
@@ -22,8 +22,6 @@ from fem_snh.mesh.mesh_checks import ON_AXIS
 
 if TYPE_CHECKING:
     from fem_snh.mesh.mesh import Mesh
-
-Array = npt.NDArray[Any]
 
 AXES = ("x", "y", "z")
 #: The label of the conditions that bones prescribe.

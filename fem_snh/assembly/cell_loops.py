@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
@@ -33,8 +33,6 @@ _VOLUME_HEADERS = {
     "cell_pressure": "volume_pressure.h",
     "pressure": "volume_pressure.h",
 }
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,12 @@ from math import comb, factorial
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import Mesh
+from fem_snh.arrays import Array
 from fem_snh.kernels import build
 from fem_snh.kernels.build import cdata
-
-Array = npt.NDArray[Any]
 
 #: Newton's method for the reference coordinates: the largest number of iterations, the largest
 #: distance of each coordinate from the cell's midpoint, and the residual over the cell's size.

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
-
-Array = npt.NDArray[Any]
+from fem_snh.arrays import Array
 
 
 def connected_parts(V: FunctionSpace, cells: Array | slice = slice(None)) -> tuple[Array, int]:

@@ -22,9 +22,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.matrix_layout import MixedDofMap
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 #: Unknowns of a rigid part.

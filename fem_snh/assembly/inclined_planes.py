@@ -16,18 +16,16 @@ positive definite if it is so on the free directions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
+from fem_snh.arrays import Array
 from fem_snh.assembly.matrix_layout import MixedDofMap
-
-Array = npt.NDArray[Any]
 
 #: Sine of the angle below which a plane's normal is an axis, or two normals are the same: a mesh
 #: file has at least 8 digits.

@@ -22,11 +22,9 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value, choose
-
-Array = npt.NDArray[Any]
 
 #: The two-dimensional cell that corresponds to each three-dimensional cell.
 PLANE_CELLS = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
@@ -86,11 +84,6 @@ class Kinematics:
             return False, True, False, False, self.components == 3, False
         flat = self.dim == 2
         return True, True, not flat, not flat, not flat, True
-
-    @property
-    def rotations(self) -> list[tuple[int, int]]:
-        """The two components that each rigid rotation mixes, by axis in the order x, y, z."""
-        return list(compress(((1, 2), (2, 0), (0, 1)), self.rigid_motions[3:]))
 
     @property
     def definitions(self) -> list[str]:

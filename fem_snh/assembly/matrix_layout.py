@@ -13,23 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh._petsc import set_pattern
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.kernels.block_pattern import BlockPattern, CellPattern, Pattern, unknown_columns
 from fem_snh.linalg.block_matrix import DisplacementBlocks
 from fem_snh.linalg.half_matrix import HalfMatrix
-
-Array = npt.NDArray[Any]
 
 #: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2

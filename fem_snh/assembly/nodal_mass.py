@@ -21,13 +21,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg.blas import daxpy
 from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
 from fem_snh._petsc import aij_blocks, jacobi_cg, values_at
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.matrix_layout import MatrixLayout
@@ -35,8 +35,6 @@ from fem_snh.assembly.regions import Region, density_of
 from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput, choose
 from fem_snh.mesh.mesh import point_volumes
-
-Array = npt.NDArray[Any]
 
 #: Relative tolerance of the mass matrix's linear solver, close to rounding.
 _RTOL = 1e-13

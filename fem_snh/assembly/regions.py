@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value, check_number
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import DIMENSIONS, Group, Mesh, cell_volumes
 from fem_snh.tables.types import surface_name
-
-Array = npt.NDArray[Any]
 
 
 class Region(NamedTuple):

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.geometry.rotations import rigid_displacements
@@ -178,9 +177,6 @@ def create_unknowns(u: _dolfinx.Function, element: Element) -> Displacement:
     if not element.has_pressure:
         return Displacement(u)
     return DisplacementPressure(u, element.pressure_degree)
-
-
-Array = npt.NDArray[Any]
 
 
 def ghosted(V: FunctionSpace, owned: Array) -> PETSc.Vec:

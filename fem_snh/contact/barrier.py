@@ -12,10 +12,10 @@ from typing import Any, Self
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csgraph, csr_matrix
 
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, reference_modulus
@@ -27,8 +27,6 @@ from fem_snh.errors import BadInput, NotSettled, choose
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.history import LaggedChange
 from fem_snh.terms.term import StepLimitingTerm
-
-Array = npt.NDArray[Any]
 
 #: Default stiffness over the materials' modulus E: at a contact pressure of E about half of the
 #: activation distance is left.

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
@@ -41,8 +41,6 @@ from fem_snh.errors import bad_value
 from fem_snh.kernels.cell_matrices import filter_matrices
 from fem_snh.terms.history import LaggedChange, relative
 from fem_snh.terms.term import CouplingTerm, MeanForceTerm
-
-Array = npt.NDArray[Any]
 
 #: Added to the quadrature degree of products of shape functions, as shape functions of the other
 #: surface have kinks inside a facet. It reduces the error of a uniform pressure to a third.

@@ -7,13 +7,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
+from fem_snh.arrays import Array
 from fem_snh.kernels import build
 from fem_snh.kernels.build import cdata
-
-Array = npt.NDArray[Any]
 
 #: Barycentric coordinate below which a point is on an edge: closest points on edges have 0.
 _ON_EDGE = 1e-9

@@ -6,8 +6,8 @@ import functools
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.choices import POINT_FILTERS
 from fem_snh.geometry.motions import Pose
 from fem_snh.kernels import build
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from _cffi_backend import FFI, Lib
 
 
-Array = npt.NDArray[Any]
 #: Facets: their indices, or a slice of all.
 Which = Array | slice
 ALL = slice(None)

@@ -12,18 +12,16 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix, diags, identity, kron
 from scipy.spatial import Delaunay
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace, Mesh
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature, cross_tangents
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.mesh.mesh_checks import ON_AXIS
-
-Array = npt.NDArray[Any]
 
 
 class GatheredNodes:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.facet_loops import YIELD, FrictionAt, response, same
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from fem_snh.contact.body_contact import BodyPair
     from fem_snh.contact.obstacle_contact import RigidContact
 
-
-Array = npt.NDArray[Any]
 
 #: Default tolerance of the gap, relative to the height of the cell at the surface.
 TOLERANCE = 1e-3

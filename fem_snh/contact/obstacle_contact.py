@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.assembly.unknowns import summed_over_ranks
@@ -22,8 +22,6 @@ from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.records.output_fields import AT_OBSTACLES, CONTACT_PRESSURES
 from fem_snh.terms.term import MeanForceTerm, WorkingTerm
-
-Array = npt.NDArray[Any]
 
 #: Degree of the quadrature on facets: 2 x 2 points of quadrilaterals, 3 of triangles, 2 of curves.
 #: A constant pressure is integrated exactly for elements of degree 1 and 2. With more points than a

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.facet_loops import largest_move, same
 from fem_snh.contact.law import (
@@ -30,7 +30,6 @@ from fem_snh.contact.surface_quadrature import (
 from fem_snh.geometry.motions import MovingShape, Pose
 from fem_snh.terms.history import LaggedChange, relative
 
-Array = npt.NDArray[Any]
 #: Close facets (m,), and gap, normal and curvature at their points, or other arrays of points.
 Evaluated = tuple[Array, Array, Array, Array]
 

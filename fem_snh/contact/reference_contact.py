@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
@@ -45,8 +45,6 @@ from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
 from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.terms.history import LaggedChange, relative
-
-Array = npt.NDArray[Any]
 
 #: A sample found in two cells counts once if its two reference positions are closer than this
 #: fraction of a cell: the cells are neighbours.

@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.cell_search import CellSearch, Hits
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.closest_points import intersect
 from fem_snh.contact.gathered_surface import EmbeddedSurface, triangle_areas
 from fem_snh.contact.law import cell_moduli
 from fem_snh.mesh.mesh import cell_volumes
-
-Array = npt.NDArray[Any]
 
 #: Default stiffness, in E over the size of the cell. In the clip of docs/howto, closed by 0.25 from
 #: either side, 10, 30 and 50 leave 3.8, 1.7 and 1.0 % of a cell, in 16 to 19 Newton iterations.

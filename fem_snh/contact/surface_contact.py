@@ -10,10 +10,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.unknowns import local_values, update_ghosts, writable_values
@@ -35,9 +35,6 @@ from fem_snh.terms.term import CouplingTerm, ForceTerm
 if TYPE_CHECKING:
     from fem_snh.contact.body_contact import SurfacePair
     from fem_snh.contact.obstacle_pair import ObstaclePair
-
-
-Array = npt.NDArray[Any]
 
 
 class ContactPair(ABC):

@@ -7,13 +7,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._dolfinx import FunctionSpace, Mesh
+from fem_snh.arrays import Array
 from fem_snh.contact.facet_loops import ALL, FacetLoops, Which
-
-Array = npt.NDArray[Any]
 
 #: Distance on the reference facet below which two nodes are the same; nodes are > 1/4 apart.
 _SAME = 1e-6

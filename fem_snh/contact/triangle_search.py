@@ -27,19 +27,17 @@ at fixed :math:`\xi`, the derivatives of the gap are (Wriggers 2006, section 4.2
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.cell_search import points_in_boxes
 from fem_snh.contact.closest_points import PseudoNormals, Triangles
 from fem_snh.contact.gathered_surface import FacetShape, Side
 from fem_snh.contact.surface_quadrature import cross_tangents
-
-Array = npt.NDArray[Any]
 
 #: Points times triangles that are examined at a time, which bounds the memory.
 _BATCH = 200_000

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fem_snh.arrays import Array
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file, shown, unknown_name
 from fem_snh.files import read_text
 from fem_snh.geometry.motions import AffineTable, Motion, PoseTable
-from fem_snh.geometry.shapes.shape import Array
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,10 +8,10 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, rotated
+from fem_snh.geometry.shapes.shape import Evaluation, Shape, rotated
 
 #: The matrix [A | c] of a bone that does not move.
 IDENTITY: Array = np.eye(3, 4)
@@ -310,7 +310,7 @@ class Bone:
     name: str
     shape: Shape | None = None
     group: str | int | None = None
-    motion: Motion | Callable[[float], npt.ArrayLike] | None = None
+    motion: Motion | Callable[[float], ArrayLike] | None = None
     origin: tuple[float, float, float] | None = None
     noise: Noise | None = None
 

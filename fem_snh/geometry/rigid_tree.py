@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from fem_snh.arrays import Array
 from fem_snh.geometry.rotations import (
     exponential,
     inverse_left_jacobian,
@@ -30,8 +30,6 @@ from fem_snh.geometry.rotations import (
     skew,
     turn_about,
 )
-
-Array = npt.NDArray[Any]
 
 #: Unknowns of a part.
 UNKNOWNS = 6

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from fem_snh.arrays import Array
 
 #: Angle [rad] below which a coefficient of `inverse_left_jacobian` is computed by its series, with
 #: an error of the fourth power of the angle.

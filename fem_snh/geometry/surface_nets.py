@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.shapes.shape import Array, Shape
+from fem_snh.geometry.shapes.shape import Shape
 
 Integers = npt.NDArray[np.int64]
 Triangles = npt.NDArray[np.int32]

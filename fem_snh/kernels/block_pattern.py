@@ -10,14 +10,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.kernels import build
 
 if TYPE_CHECKING:
     from _cffi_backend import FFI, CData, Lib
-
-Array = npt.NDArray[Any]
 
 
 class Pattern:

@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import cache
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, on_root
 
@@ -187,7 +187,7 @@ _POINTERS = {
 }  # fmt: skip
 
 
-def pointer(ffi: FFI, array: npt.NDArray[Any]) -> CData:
+def pointer(ffi: FFI, array: Array) -> CData:
     """Return a C pointer to the memory of a contiguous array, without a copy.
 
     The pointer object keeps the array alive. Code that stores its address in a C struct must keep
@@ -196,7 +196,7 @@ def pointer(ffi: FFI, array: npt.NDArray[Any]) -> CData:
     return ffi.from_buffer(_POINTERS[array.dtype.char], array)
 
 
-def cdata(array: npt.ArrayLike, dtype: Any = np.float64) -> CData:
+def cdata(array: ArrayLike, dtype: Any = np.float64) -> CData:
     """Return a C pointer to an array's float64 or int32 values, which it keeps alive.
 
     The values are a copy unless the array is contiguous and of this ``dtype``.

@@ -11,14 +11,12 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.kernels import build
 
 if TYPE_CHECKING:
     from _cffi_backend import CData
-
-Array = npt.NDArray[Any]
 
 #: Eigenvalues above -SHIFT times the largest entry count as non-negative. Relative rounding errors
 #: of the rigid motions' eigenvalues are 1e-15, of the single-precision linear solver 1e-7.

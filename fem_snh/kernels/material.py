@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import cache, materials
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     from fem_snh.kernels.codegen.source import ElementEnergy
     from fem_snh.kernels.reports.report import Report
     from fem_snh.materials.energy import Energy
-
-
-Array = npt.NDArray[np.float64]
 
 
 @lru_cache
@@ -58,7 +55,7 @@ def stored_by_columns(A: Array) -> Array:
     return np.ascontiguousarray(np.swapaxes(A, -1, -2)).reshape(-1, 9)
 
 
-def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
+def svd(F: ArrayLike) -> tuple[Array, Array, Array]:
     """Return the rotation-variant SVD F = U diag(sigma) V^T (Smith et al. 2018, eq. 2).
 
     Parameters
@@ -84,7 +81,7 @@ def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
     return rows[0], s.reshape(F.shape[:-1]), rows[1]
 
 
-def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
+def eigen3(A: ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
     """Return eigenvalues and eigenvectors of symmetric 3x3 matrices.
 
     Parameters
@@ -170,7 +167,7 @@ class Material:
         return build.load(path, header("pointwise_api.h"))
 
     def _call(
-        self, name: str, F: npt.ArrayLike, *arguments: int, sizes: tuple[int, ...]
+        self, name: str, F: ArrayLike, *arguments: int, sizes: tuple[int, ...]
     ) -> list[Array]:
         """Call the C function ``name`` at every F; return an array (..., size) for each size."""
         F = np.asarray(F, dtype=np.float64)
@@ -186,7 +183,7 @@ class Material:
             getattr(lib, name)(given, n, found, *arguments, *results)
         return [a.reshape(*shape, a.shape[1]) for a in out]
 
-    def energy(self, F: npt.ArrayLike) -> Array:
+    def energy(self, F: ArrayLike) -> Array:
         """Return the energy density psi(F) [Pa], (...); +inf outside the energy's domain.
 
         Raises
@@ -198,13 +195,13 @@ class Material:
             raise BadInput(f"material '{self.name}' has no energy, only a stress")
         return self._call("energy_points", F, sizes=(1,))[0][..., 0]
 
-    def pk1(self, F: npt.ArrayLike) -> Array:
+    def pk1(self, F: ArrayLike) -> Array:
         """Return the first Piola-Kirchhoff stress dpsi/dF [Pa], (..., 3, 3); 0 where psi is inf."""
         P = self._call("stress_points", F, sizes=(9,))[0]
         return np.swapaxes(P.reshape(*P.shape[:-1], 3, 3), -1, -2)
 
     def hessian(
-        self, F: npt.ArrayLike, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
+        self, F: ArrayLike, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
     ) -> Array:
         """Return the Hessian d2psi/dF2 [Pa] on vec(F) by columns (Smith et al. 2018, eq. 17, 20).
 
@@ -228,9 +225,7 @@ class Material:
         C = self._call("hessian_points", F, which, solver, sizes=(81,))[0]
         return C.reshape(*C.shape[:-1], 9, 9)
 
-    def eigensystem(
-        self, F: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]
-    ) -> tuple[Array, Array]:
+    def eigensystem(self, F: ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
         """Return eigenvalues and eigenvectors of the exact Hessian in closed form.
 
         Parameters

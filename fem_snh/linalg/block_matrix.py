@@ -21,17 +21,15 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import AIJBlock, aij_blocks, nonzero_state
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 from fem_snh.kernels.block_pattern import concatenated_ranges
 
 if TYPE_CHECKING:
     from _cffi_backend import FFI, CData, Lib
-
-Array = npt.NDArray[Any]
 
 #: Floats in a vector register of block_matrix_kernels.h.
 _LANES = 4
@@ -498,13 +496,13 @@ class Halo:
         first: np.ndarray,
         nodes: np.ndarray,
         width: int,
-        dtype: npt.DTypeLike = np.float32,
+        dtype: Any = np.float32,
     ) -> None:
         owner = np.searchsorted(first, nodes, side="right") - 1
         remote = np.column_stack([owner, nodes - first[owner]]).astype(PETSc.IntType)
         self._forest = PETSc.SF().create(comm)
         self._forest.setGraph(int(first[comm.rank + 1] - first[comm.rank]), None, remote)
-        self.ghosts: npt.NDArray[Any] = np.zeros((len(nodes), width), dtype)
+        self.ghosts: Array = np.zeros((len(nodes), width), dtype)
         self.higher = int(np.searchsorted(nodes, first[comm.rank + 1]))
         self._node = _node_type(self.ghosts.itemsize, width)
 

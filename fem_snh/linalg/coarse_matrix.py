@@ -9,18 +9,13 @@ Every rank has the whole of E: a solve takes one sum over the ranks, then each r
 
 from __future__ import annotations
 
-from typing import Any
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.linalg.direct_solver import set_direct_factors
-
-Array = npt.NDArray[Any]
-
 
 _Reason = PETSc.KSP.ConvergedReason
 #: E is scaled to a unit diagonal. Diagonal entries below this fraction of the largest are scaled by

@@ -40,14 +40,14 @@ Saad, Yeung, Erhel & Guyomarc'h 2000, SIAM J. Sci. Comput. 21, 1909.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.kernels import build
 from fem_snh.linalg.block_matrix import (
     FUNCTIONS,
@@ -61,8 +61,6 @@ from fem_snh.linalg.ssor_cg import LEAST_IN_DOUBLE
 
 if TYPE_CHECKING:
     from _cffi_backend import CData
-
-Array = npt.NDArray[Any]
 
 #: Singular values below this fraction of the largest are dropped: linear functions that coincide at
 #: the free nodes of a subdomain (a plane of nodes), with a margin for single precision.

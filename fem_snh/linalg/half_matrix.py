@@ -17,9 +17,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
+from fem_snh.arrays import Array
 from fem_snh.errors import on_every
 from fem_snh.kernels.block_pattern import Pattern
 from fem_snh.kernels.cell_matrices import Addresses
@@ -30,8 +30,6 @@ from fem_snh.linalg.block_matrix import (
     SymmetricBlockMatrix,
     open_kernels,
 )
-
-Array = npt.NDArray[Any]
 
 #: The arrays that hold the values: U, other ranks' columns and the block diagonal, numbered as in a
 #: ``MatrixTarget`` (cell_api.h).

@@ -48,9 +48,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks, nonzero_state
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, on_every
 from fem_snh.linalg.block_matrix import (
     LATE,
@@ -381,9 +381,7 @@ class SSORSystem:
                 self.comm, self.matrix, blocks, self.halo, coordinates, subdomains
             )
         size = block * self.matrix.rows
-        self._vectors: dict[str, npt.NDArray[np.float32]] = {
-            key: np.zeros(size, np.float32) for key in "xrzptwq"
-        }
+        self._vectors: dict[str, Array] = {key: np.zeros(size, np.float32) for key in "xrzptwq"}
         self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
         self._pointers = {key: self.matrix.pointer(v) for key, v in self._vectors.items()}
 
@@ -463,7 +461,7 @@ class SSORSystem:
         arguments = alpha, v["t"], v["q"], v["x"], v["r"], v["z"]
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, *arguments))
 
-    def residual(self) -> npt.NDArray[np.float64]:
+    def residual(self) -> Array:
         """Return this rank's b - A x, (size rows,), to single precision. Collective."""
         matrix, r = self.matrix, np.empty(len(self._r))
         pointers = self._pointers["r"], self._size, matrix.pointer(r)

@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.mesh.gmsh_model import MeshData, SizeField
-
-Array = np.ndarray
 
 #: Number of cells at which bisection in a run stops.
 MOST_CELLS = 20_000_000

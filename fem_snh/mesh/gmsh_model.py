@@ -17,11 +17,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value, in_words, unknown_name
-
-Array = npt.NDArray[Any]
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
@@ -293,7 +291,7 @@ def _straightened(data: MeshData) -> MeshData:
     return data._replace(x=straightened(data.cells, data.x))
 
 
-def straightened(cells: npt.NDArray[np.int64], x: Array) -> Array:
+def straightened(cells: Array, x: Array) -> Array:
     """Return coordinates with which no tetrahedron of degree 2 is inverted.
 
     gmsh curves the surface edges of a straight mesh, which inverts cells that are large beside the

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
+from fem_snh.arrays import Array
 from fem_snh.choices import LATTICE_WEIGHTINGS
 from fem_snh.errors import bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.geometry.shapes.closed_surface import enclosed_volume
-from fem_snh.geometry.shapes.shape import Array
 from fem_snh.geometry.surface_nets import (
     Grid,
     Integers,

@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fem_snh.geometry.shapes.shape import Array
+from fem_snh.arrays import Array
 from fem_snh.geometry.surface_nets import CORNERS, Grid, Integers
 from fem_snh.mesh.lattice_samples import Samples
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.geometry.shapes import Shape
-from fem_snh.geometry.shapes.shape import Array
 from fem_snh.geometry.surface_nets import Grid, Integers, Triangles, cells_of_box
 from fem_snh.mesh.bisection import MarkedEdges, edge_keys, simplex_edges, split
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.choices import DEFAULT_CELLS
 from fem_snh.errors import BadInput, choose, on_every, on_root, suggestion_for
 from fem_snh.files import is_shape
@@ -27,8 +27,6 @@ from fem_snh.mesh.mesh_checks import check_geometry
 
 if TYPE_CHECKING:
     from fem_snh.mesh.round_faces import RoundFaces
-
-Array = npt.NDArray[Any]
 
 #: Suffix of mesh files of which every rank reads a part.
 XDMF = ".xdmf"

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput
-
-Array = npt.NDArray[Any]
 
 #: Scaled Jacobian below which a cell is degenerate: far above rounding, far below any usable cell.
 _MIN_SCALED_JACOBIAN = 1e-10

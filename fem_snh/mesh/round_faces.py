@@ -12,15 +12,13 @@ ends and in the middle, has a fifth of the parabola's area.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.mesh.mesh import volume
-
-Array = npt.NDArray[Any]
 
 #: Largest angle between neighbours of a round face, by the degree of the edges: a circle of eight
 #: straight edges has 45 degrees, one of three edges of degree 2 has 22.

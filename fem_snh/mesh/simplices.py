@@ -13,11 +13,10 @@ from itertools import product
 import numpy as np
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.mesh.bisection import with_midpoints
 from fem_snh.mesh.gmsh_model import MeshData
-
-Array = np.ndarray
 
 #: The simplices that take the place of other cells.
 SIMPLEX_OF = {"quadrilateral": "triangle", "hexahedron": "tetrahedron"}

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.files import xdmf_data, xdmf_root
 from fem_snh.mesh.gmsh_model import FLAT, PhysicalGroup
@@ -25,8 +25,6 @@ from fem_snh.mesh.mesh_checks import largest
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
-
-Array = npt.NDArray[Any]
 
 #: Dimension of the entities of a grid by XDMF's types of topology; a suffix of a type, as in
 #: Triangle_6, is the number of nodes.

@@ -9,9 +9,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.assembly.unknowns import numbers_with_ghosts, summed_over_ranks
 from fem_snh.errors import BadInput, bad_value
@@ -20,8 +20,6 @@ from fem_snh.geometry.shapes import ClosedSurface, Shape, deepest
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[Any]
 
 #: Depths that differ by less than this part of the body's extent are equal: coordinates differ by
 #: rounding between partitions, and the choice of a node's bone must not.

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import (
     BONES,
     Condition,
@@ -31,8 +31,6 @@ from fem_snh.terms.dirichlet import Move, Symmetry
 
 if TYPE_CHECKING:
     from fem_snh.problem.bones import BoneNodes
-
-Array = npt.NDArray[Any]
 
 #: Distance on the reference cell below which two nodes are the same.
 _SAME = 1e-9

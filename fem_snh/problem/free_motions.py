@@ -10,21 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
+from fem_snh.arrays import Array
 from fem_snh.assembly.connected_parts import components, connected_parts
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rigid_displacements, rotate
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
 from fem_snh.terms.term import Term
-
-Array = npt.NDArray[Any]
 
 #: An eigenvalue below this part of the largest one belongs to a free motion. It is the square of
 #: the supports' extent relative to the body's.

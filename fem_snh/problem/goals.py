@@ -23,11 +23,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
+from fem_snh.arrays import Array
 from fem_snh.assembly.unknowns import add_ghosts, copy_to_function, writable_values
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.material import Material
@@ -39,7 +39,6 @@ from fem_snh.problem.state_notes import largest_displacement
 from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import ForceTerm, Term
 
-Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
 #: The weight around a point ends at so many radii, where it is 1e-8. Cells there have at most so
 #: many radii, for which the largest quadrature degree integrates the weight to 1e-3.

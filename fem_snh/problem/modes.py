@@ -26,9 +26,9 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import regions_with
 from fem_snh.assembly.unknowns import copy_to_function, ghosted
@@ -235,8 +235,8 @@ def _free_basis(problem: Problem) -> PETSc.Mat:
     owned, dirichlet = problem.x.getLocalSize(), problem.dirichlet
     is_free = np.ones(owned, dtype=bool)
     is_free[problem.constrained_dofs] = False
-    directions: npt.NDArray[Any] = np.empty((0, 1))
-    dofs: npt.NDArray[Any] = np.empty((0, 1), dtype=np.int64)
+    directions: Array = np.empty((0, 1))
+    dofs: Array = np.empty((0, 1), dtype=np.int64)
     if dirichlet.planes:
         directions, dofs = dirichlet.planes.free_directions()
         is_free[dofs] = False

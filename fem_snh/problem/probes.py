@@ -8,14 +8,11 @@ from typing import Any, Protocol
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.cell_search import locate
 from fem_snh.errors import BadInput
-
-Array = npt.NDArray[Any]
-
 
 #: Distance outside the reference cell up to which a point counts as inside: for rounding, and for
 #: points that are given to six digits.

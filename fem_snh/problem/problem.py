@@ -13,10 +13,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import as_aij, vector_like
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.cell_loops import CellLoops
@@ -53,8 +53,6 @@ if TYPE_CHECKING:
     from fem_snh.problem.definition import Definition
     from fem_snh.problem.mixed.taylor_hood import PressureBlock
     from fem_snh.terms.rigid_parts import RigidParts
-
-Array = npt.NDArray[Any]
 
 #: The machine epsilon of double precision.
 _EPS = float(np.finfo(float).eps)
@@ -627,11 +625,6 @@ class Problem:
     def measures(self, x: PETSc.Vec) -> dict[str, Any]:
         """Return the measures of the body at ``x`` that `body_measures` describes. Collective."""
         return body_measures(self.comm, self.cell_fields(x), self.nodal(x), self._parts)
-
-    @property
-    def rotations(self) -> list[tuple[int, int]]:
-        """The two components that each rigid rotation of the body mixes."""
-        return self.kinematics.rotations
 
     def nodal(self, x: PETSc.Vec) -> Array:
         """Return a read-only view of the displacement in ``x``, (owned nodes, components) [m]."""

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import (
     CountedForces,
     Dirichlet,
@@ -34,8 +34,6 @@ from fem_snh.problem.conditions import condition_of
 
 if TYPE_CHECKING:
     from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[Any]
 
 
 class ReactionGroup(Protocol):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
+from fem_snh.arrays import Array
 from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.regions import Region
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from fem_snh.problem.problem import Problem
     from fem_snh.terms.rigid_parts import RigidParts
 
-
-Array = npt.NDArray[Any]
 
 #: Number of equal sections of the longest axis that `supported` examines for constrained nodes.
 _PARTS = 20
@@ -334,8 +332,8 @@ class Paths:
         cls,
         V: _dolfinx.FunctionSpace,
         regions: Sequence[Region],
-        fixed: npt.NDArray[np.bool_],
-        excluded: npt.NDArray[np.bool_],
+        fixed: Array,
+        excluded: Array,
         rigid: RigidParts | None,
     ) -> Paths | None:
         """Return the paths of a problem; None if all are straight. Collective.

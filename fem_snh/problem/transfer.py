@@ -8,13 +8,11 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.cell_search import locate
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[Any]
 
 #: Distance outside of the reference cell up to which a point counts as inside.
 _INSIDE = 1e-8

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import replace_file
 from fem_snh.records.run_files import CHECKPOINT, LEVELS
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from fem_snh.problem.goals import Goal
     from fem_snh.runs.setup import Setup
 
-
-Array = npt.NDArray[Any]
 
 #: Name of the array with the values of `Dirichlet.offset` at the nodes of the displacement.
 _OFFSET = "start_offset"

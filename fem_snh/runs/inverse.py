@@ -34,6 +34,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from fem_snh import materials, scenes, solver
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, Failed, bad_value, is_number, on_every
 from fem_snh.files import write_file
 from fem_snh.linalg.direct_solver import set_direct_solver, set_direct_solver_of_sum
@@ -48,7 +49,6 @@ from fem_snh.studies.fit.family import accepted_range
 from fem_snh.studies.fit.least_squares import reaches_bound, standard_errors
 from fem_snh.studies.fit.result import r_squared, toml_table
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 #: Step of the central difference of residuals in a variable of size one: the cube root of the

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import scenes
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.accuracy.refinement import Lineage, measured_rates, target_volumes
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.choices import DEFAULT_CELLS
@@ -37,9 +37,6 @@ from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
     from fem_snh.runs.level_runs import Level
-
-
-Array = npt.NDArray[Any]
 
 
 class Refined(NamedTuple):

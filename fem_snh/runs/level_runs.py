@@ -23,7 +23,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import scenes
 from fem_snh.accuracy.goal_errors import Estimate
@@ -31,6 +30,7 @@ from fem_snh.accuracy.levels import LevelChanges, LevelRow, Levels
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.path_errors import HALVES
 from fem_snh.accuracy.refinement import Lineage, left_by_parts, unmeasured
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import element
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.assembly.unknowns import num_unknowns
@@ -55,8 +55,6 @@ from fem_snh.solver import petsc_failures
 if TYPE_CHECKING:
     from fem_snh.runs.folder import Folder
     from fem_snh.runs.progress import Progress
-
-Array = npt.NDArray[Any]
 
 
 @dataclass

@@ -7,10 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Record
 
@@ -80,7 +78,7 @@ class Result:
         """Return the acceleration [m/s^2] at the last converged time; None if quasi-static."""
         return self.dynamics.a if self.dynamics else None
 
-    def field(self, name: str, at: str = "cells") -> npt.NDArray[np.float64]:
+    def field(self, name: str, at: str = "cells") -> Array:
         """Return a stress, strain or force at the last load that converged. Collective.
 
         The scene need not name it in ``fields``. The first call compiles its kernels.

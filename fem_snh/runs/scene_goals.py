@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import group_forces
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.assembly.regions import boundary_facets, owned_cells
@@ -38,8 +38,6 @@ from fem_snh.problem.reactions import is_free
 from fem_snh.runs.setup import Setup
 from fem_snh.scenes import GoalName, Scene, read_goal, term_goals
 from fem_snh.tables.amplitudes import loads_return
-
-Array = npt.NDArray[Any]
 
 #: Key of the goals' names.
 _KEY = "accuracy.goals"

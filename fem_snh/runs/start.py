@@ -10,9 +10,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import ResultNote, in_words, on_root
 from fem_snh.problem.definition import check_displacement
@@ -20,8 +20,6 @@ from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note, Record, load_record
 from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
 from fem_snh.scenes import Scene
-
-Array = npt.NDArray[np.float64]
 
 
 def interpolate_run(

@@ -13,12 +13,12 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.goal_errors import Estimate, GoalError, Place
 from fem_snh.accuracy.levels import LevelRow, Levels
 from fem_snh.accuracy.refinement import Lineage
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import replace_file
 from fem_snh.mesh.gmsh_model import MeshData, PhysicalGroup
@@ -29,7 +29,6 @@ from fem_snh.records.run_record import load_record
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.scene_options import check_same, identity
 
-Array = npt.NDArray[Any]
 #: Key of the number of an array in the archive, in a mapping that stands for the array in JSON.
 _NUMBER = "array of the archive"
 

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Discriminator, Field, PlainSerializer, Tag, model_validator
 
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.errors import bad_value
 from fem_snh.geometry.motion_files import bone_motion, read_rows
 from fem_snh.geometry.motions import Bone, DisplacementMotion, Motion, Noise
 from fem_snh.geometry.rotations import exponential
-from fem_snh.geometry.shapes.shape import Array
 from fem_snh.tables.amplitudes import MotionTable, function_name
 from fem_snh.tables.shapes import ShapeChoice, shape_of
 from fem_snh.tables.types import (
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
 
 _MOTION = "the path of a CSV file, or a function of the load that returns a 3x4 matrix"
-Function = Callable[[float], npt.ArrayLike]
+Function = Callable[[float], ArrayLike]
 
 
 class NoiseChoice(Table):
@@ -188,8 +187,8 @@ class JointMotion:  # no dataclass: pydantic would write it as a table
 
     def __init__(
         self,
-        position: npt.ArrayLike,
-        rotation: npt.ArrayLike = (0.0, 0.0, 0.0),
+        position: ArrayLike,
+        rotation: ArrayLike = (0.0, 0.0, 0.0),
         parent: JointMotion | None = None,
         begin: float = 0.0,
         end: float = 1.0,
@@ -214,8 +213,8 @@ class BoneSegment(NamedTuple):
 
     name: str
     joint: JointMotion
-    start: npt.ArrayLike
-    end: npt.ArrayLike
+    start: ArrayLike
+    end: ArrayLike
     radius: float
 
     def table(self, cell: float) -> dict[str, Any]:
@@ -233,7 +232,7 @@ def limb(
     parent: JointMotion,
     names: Sequence[str],
     points: Array,
-    directions: npt.ArrayLike,
+    directions: ArrayLike,
     sections: Iterable[tuple[float, float]],
     begin: float = 0.0,
     end: float = 1.0,
@@ -277,7 +276,7 @@ def bone_between(
     return BoneSegment(name, joint, start + inset, end - inset, radius)
 
 
-def capsule(start: npt.ArrayLike, end: npt.ArrayLike, radius: float) -> dict[str, Any]:
+def capsule(start: ArrayLike, end: ArrayLike, radius: float) -> dict[str, Any]:
     """Return the table of a capsule: the points within a radius of a segment [length]."""
     return {"capsule": {"from": start, "to": end, "radius": radius}}
 

@@ -28,9 +28,10 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import nonzero_state
+from fem_snh.arrays import Array
 from fem_snh.linalg.block_matrix import Submatrix, part_of
 from fem_snh.linalg.ssor_cg import EisenstatCG
-from fem_snh.solver.protocol import Array, SaddlePoint
+from fem_snh.solver.protocol import SaddlePoint
 
 _Linear = PETSc.KSP.ConvergedReason
 #: Reasons after which a solve with H has no solution; after other failures it is only inaccurate.

@@ -8,10 +8,7 @@ from typing import Any, NamedTuple, Protocol
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
+from fem_snh.arrays import Array
 
 
 class Regime(NamedTuple):

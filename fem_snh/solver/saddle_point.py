@@ -12,8 +12,9 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import set_operators
+from fem_snh.arrays import Array
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.protocol import Array, SaddlePoint, SolvableProblem
+from fem_snh.solver.protocol import SaddlePoint, SolvableProblem
 from fem_snh.solver.step import ARMIJO, MIN_STEP, LineSearch, State, Step
 
 #: A preconditioner by blocks; "fieldsplit" is PETSc's.

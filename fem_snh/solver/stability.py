@@ -28,9 +28,9 @@ from math import isfinite, sqrt
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import set_operators, vector_like
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import rigid_displacements
 from fem_snh.linalg.direct_solver import SymmetricFactors
@@ -41,8 +41,6 @@ from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import frozen_preconditioner, preconditioner_by_blocks
 from fem_snh.solver.step import LineSearch, State, relative_tolerance
-
-Array = npt.NDArray[np.float64]
 
 #: Largest displacement of the first step along a direction of negative curvature, relative to
 #: V^(1/3), and how often it is halved at most while the energy does not decrease.

@@ -6,19 +6,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.path_errors import Path
+from fem_snh.arrays import Array
 from fem_snh.assembly.elements import Element
 from fem_snh.problem.conditions import LoadFunction
 from fem_snh.problem.definition import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.stepping import Stepper, StepSolver
-
-Array = npt.NDArray[np.float64]
 
 
 class SolverChoice(NamedTuple):

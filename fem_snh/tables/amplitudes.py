@@ -9,15 +9,13 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, PlainSerializer, field_validator
 
+from fem_snh.arrays import Array
 from fem_snh.choices import INTERPOLATIONS, LARGEST_NUMBER
 from fem_snh.errors import bad_value, check_number, choose
 from fem_snh.tables.types import Number, Text, Vector
 from fem_snh.tables.validation import Bounded, Expect, OneOf, Table, check_distinct
-
-Array = npt.NDArray[np.float64]
 
 #: Relative difference below which two numbers of a file are equal but for rounding.
 _ROUNDING = 1e-6

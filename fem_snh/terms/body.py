@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from ufl.algorithms import extract_coefficients
 from ufl.constantvalue import ConstantValue
@@ -16,6 +15,7 @@ from ufl.core.multiindex import MultiIndex
 from ufl.corealg.traversal import traverse_unique_terminals
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import (
@@ -34,9 +34,6 @@ from fem_snh.tables.validation import is_expression
 if TYPE_CHECKING:
     from fem_snh.assembly.nodal_mass import NodalMass
     from fem_snh.terms.term import Term
-
-
-Array = npt.NDArray[Any]
 
 
 class MotionInTime(Protocol):
@@ -235,7 +232,7 @@ def is_uniform(value: Any) -> bool:
     )
 
 
-def present(value: Any) -> npt.NDArray[np.float64]:
+def present(value: Any) -> Array:
     """Return the present numerical value of a uniform value, with the shape of its expression."""
     if not is_expression(value):
         return np.asarray(value, dtype=float)

@@ -17,23 +17,21 @@ axis.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import centroid
 from fem_snh.mesh.mesh import volume as body_volume
-
-Array = npt.NDArray[Any]
 
 #: Largest distance of nodes from their plane over the body's length: a mesh file has 8 digits.
 _FLAT = 1e-6

@@ -14,8 +14,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.cell_loops import (
     FIELDS,
@@ -32,8 +32,6 @@ from fem_snh.cache import compiling
 from fem_snh.choices import POINT_FILTERS
 from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.terms.term import Term
-
-Array = npt.NDArray[Any]
 
 
 class Part(NamedTuple):

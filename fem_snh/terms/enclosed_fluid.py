@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.unknowns import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
@@ -129,7 +129,7 @@ class EnclosedFluid(RankOneTerm):
         """The name of the fluid's pressure, "NAME.pressure": see `Term.goals`."""
         return [f"{self.group}.pressure"]
 
-    def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
+    def goal(self, name: str, u: PETSc.Vec) -> Array:
         """Return the fluid's pressure [Pa], (1,): see `Term.goal`. Collective."""
         return np.array([self.state(u)["pressure"]])
 

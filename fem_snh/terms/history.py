@@ -10,12 +10,9 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy.typing as npt
-
+from fem_snh.arrays import Array
 from fem_snh.errors import NotSettled
 from fem_snh.terms.term import Term, WorkingTerm
-
-Array = npt.NDArray[Any]
 
 #: Solves of a step after which the step fails if lagged quantities still change. Lagged friction
 #: converges linearly, by factors of 2 to 10 a solve, and augmentations leave E/(k h) of the gap.

@@ -8,9 +8,9 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.terms.term import Term
 
 
@@ -58,7 +58,7 @@ class RankOneUpdate:
         A: PETSc.Mat,
         V: _dolfinx.FunctionSpace,
         terms: Sequence[RankOneTerm],
-        project: Callable[[npt.NDArray[Any]], None],
+        project: Callable[[Array], None],
     ) -> None:
         self._terms, self._project = list(terms), project
         self._g = _dolfinx.create_vector(V)
@@ -76,7 +76,7 @@ class RankOneUpdate:
         terms: Sequence[Any],
         A: Callable[[], PETSc.Mat],
         V: _dolfinx.FunctionSpace,
-        project: Callable[[npt.NDArray[Any]], None],
+        project: Callable[[Array], None],
     ) -> RankOneUpdate | None:
         """Return the update of the `RankOneTerm` in ``terms``; None, without ``A()``, for none."""
         found = [term for term in terms if isinstance(term, RankOneTerm)]
@@ -118,9 +118,7 @@ class RankOneUpdate:
         self._U.assemble()
         self.mat.assemble()
 
-    def _reduced(
-        self, g: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None
-    ) -> npt.NDArray[Any]:
+    def _reduced(self, g: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None) -> Array:
         """Return this rank's part of ``g``, changed in place to a derivative by free unknowns."""
         if reduce:
             reduce(g)

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.geometry.shapes import Shape
 from fem_snh.tables.amplitudes import TABLE, MotionTable, TableName
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from fem_snh.assembly.kinematics import Kinematics
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
-
-Array = npt.NDArray[np.float64]
 
 #: The motions of a part that may be free while others are prescribed.
 MOTIONS = ("x", "y", "z", "rotation")

@@ -8,18 +8,15 @@ those of `fem_snh.geometry.rigid_tree`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.geometry.motions import path_rates
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Poses, RigidTree
 from fem_snh.geometry.rotations import skew
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.terms.rigid import Rigid
-
-Array = npt.NDArray[Any]
 
 
 class RigidLoads:

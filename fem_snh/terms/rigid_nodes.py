@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
-from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.unknowns import numbers_with_ghosts
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.shapes import Shape, deepest
 from fem_snh.mesh.mesh import centroid
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid
-
-Array = npt.NDArray[Any]
 
 #: Distance from a shape's surface, relative to the body, up to which a node is on it.
 _ON_SURFACE = 1e-9

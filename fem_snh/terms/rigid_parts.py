@@ -26,11 +26,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
 from fem_snh.assembly.elimination import Elimination
@@ -45,8 +45,6 @@ from fem_snh.terms.rigid import Rigid, check_motions
 from fem_snh.terms.rigid_loads import PrescribedMotions, RigidLoads
 from fem_snh.terms.rigid_nodes import locate_parts
 from fem_snh.terms.term import Term
-
-Array = npt.NDArray[Any]
 
 #: Smallest radius of gyration of a part's nodes over the root sum of squares of all: below it the
 #: nodes are on a line, about which the rotation is undetermined.

@@ -29,17 +29,15 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import numpy.typing as npt
 import ufl
 from ufl.algorithms import estimate_total_polynomial_degree, expand_derivatives
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.unknowns import copy_to_function
 from fem_snh.terms.body import displacement_gradient
 from fem_snh.terms.closing_surface import PATH, ClosingSurface, Lid, NotClosedError
-
-Array = npt.NDArray[Any]
 
 
 class SweptVolume:

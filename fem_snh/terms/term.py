@@ -7,15 +7,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from petsc4py import PETSc
 
-import numpy.typing as npt
-
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 
 if TYPE_CHECKING:
     from fem_snh.geometry.motions import MovingShape
-
-
-Array = npt.NDArray[Any]
 
 
 class Term:
@@ -150,7 +146,7 @@ class Term:
     def share_lengths(self, other: Self) -> None:
         """Copy the lengths of `length_text` from ``other``, the same term on another space."""
 
-    def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
+    def goal(self, name: str, u: PETSc.Vec) -> Array:
         """Return the components (n,) of the result ``name``, one of `goals`. Collective."""
         raise NotImplementedError(f"{type(self).__name__}.goal")
 
@@ -168,7 +164,7 @@ class Term:
         """
         return {}
 
-    def nodal_field(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any] | float:
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array | float:
         """Return the term's share of a nodal field, or 0 if it has no such field. Collective.
 
         It is (local nodes, components), or (local nodes,) for a scalar. The caller adds the shares
@@ -193,7 +189,7 @@ class CouplingTerm(Term):
 
     needs_aij = True
 
-    def couplings(self, u: PETSc.Vec) -> npt.NDArray[Any]:
+    def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of global nodes that the Hessian at ``u`` couples, (n, 2). Collective.
 
         `BlockMatrix.couple` describes them. The array is the same object while they do not change.

@@ -7,17 +7,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pyvista as pv
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.records.run_record import load_record
 from fem_snh.viewing.render.surfaces import boundary, read_grid
 from fem_snh.viewing.stored_run import stored_loads
-
-Array = npt.NDArray[Any]
 
 #: Points of two states are the same up to this distance, relative to the body's diagonal.
 _SAME_POINT = 1e-6

@@ -36,6 +36,7 @@ LAZY = {
     "mesh.gmsh_model": "only files of shapes are XML",
     "mesh.mesh": "few meshes are files of XDMF",
     "linalg.ssor_cg": "small bodies are not deflated",
+    "assembly.assembled_matrix": "few matrices couple nodes that share no cell",
     "runs": "a scene imports only what its tables name: contact, bones, lattices, fields",
     "contact": "a scene imports only the method of contact that it names",
     "steps.stepping": "few steps need a second solver",
@@ -48,7 +49,17 @@ LAZY = {
     "viewing": "each kind of export and of page imports its own library",
 }
 #: Modules, and the folder of records, that any part may import, from the bottom up.
-COMMON = ("errors", "cache", "files", "processes", "choices", "references", "records", "_petsc")
+COMMON = (
+    "arrays",
+    "errors",
+    "cache",
+    "files",
+    "processes",
+    "choices",
+    "references",
+    "records",
+    "_petsc",
+)
 #: Modules beside the folders that call the parts: module -> the highest part that it may import.
 CALLERS = {
     "program_results": "accuracy",

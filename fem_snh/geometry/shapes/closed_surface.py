@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import processes
+from fem_snh.arrays import Array
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file
-from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape
+from fem_snh.geometry.shapes.shape import Evaluation, Shape
 
 Triangles = npt.NDArray[np.int64]
 

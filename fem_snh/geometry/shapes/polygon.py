@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from fem_snh.arrays import Array
 from fem_snh.errors import bad_value
-from fem_snh.geometry.shapes.shape import Array, Evaluation, Shape, inverse, lengths
+from fem_snh.geometry.shapes.shape import Evaluation, Shape, inverse, lengths
 
 #: Distance over the polygon's largest extent below which the direction to the closest point is
 #: rounding error, and the normal of the edge is used.

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value, shown
 from fem_snh.geometry.rotations import exponential
 
-Array = npt.NDArray[Any]
 Point = tuple[float, float, float]
 
 

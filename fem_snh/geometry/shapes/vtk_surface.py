@@ -12,8 +12,8 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance, vtkTriangleFilter
 from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes.shape import Array
 
 
 def distance_function(corners: Array, triangles: Array) -> Any:

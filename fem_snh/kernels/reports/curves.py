@@ -15,15 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.kernels.material import Material, svd
-
-Array = npt.NDArray[Any]
 
 #: A test: a function that returns the three stretches (..., 3) from the prescribed and the free
 #: stretch, and the index of a direction with the free stretch.
@@ -38,13 +35,13 @@ _FREE = np.geomspace(0.02, 50, 241)
 _JUMP = 1.6
 
 
-def diagonal(s: npt.ArrayLike) -> Array:
+def diagonal(s: ArrayLike) -> Array:
     """Return F = diag(s), shape (..., 3, 3), of stretches (..., 3)."""
     s = np.asarray(s, dtype=float)
     return s[..., None] * np.eye(3)
 
 
-def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
+def inside(m: Material, F: Array) -> Array:
     """Return where the energy is finite, (...); without an energy, where F is finite."""
     finite = (
         np.isfinite(m.energy(F)) if m.expression.has_energy else np.isfinite(F).all(axis=(-1, -2))
@@ -52,14 +49,14 @@ def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(finite)
 
 
-def stress(m: Material, s: npt.ArrayLike) -> Array:
+def stress(m: Material, s: ArrayLike) -> Array:
     """Return the diagonal of PK1 [Pa] at F = diag(s), (..., 3); NaN where psi is infinite."""
     F = diagonal(s)
     P = np.diagonal(m.pk1(F), axis1=-2, axis2=-1)
     return np.where(inside(m, F)[..., None], P, np.nan)
 
 
-def eigenvalues(m: Material, s: npt.ArrayLike) -> Array:
+def eigenvalues(m: Material, s: ArrayLike) -> Array:
     """Return the tangent's eigenvalues [Pa] at F = diag(s), (..., 9), as `Material.eigensystem`.
 
     They are NaN where psi is infinite.

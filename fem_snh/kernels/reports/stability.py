@@ -19,8 +19,9 @@ from itertools import combinations_with_replacement, permutations
 import numpy as np
 import sympy
 
+from fem_snh.arrays import Array
 from fem_snh.kernels.material import Material
-from fem_snh.kernels.reports.curves import Array, diagonal, eigenvalues, inside, stress
+from fem_snh.kernels.reports.curves import diagonal, eigenvalues, inside, stress
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 from fem_snh.materials.normalise import lame

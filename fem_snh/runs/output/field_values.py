@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.unknowns import with_ghosts
 from fem_snh.cache import untimed
 from fem_snh.errors import choose
@@ -23,8 +23,6 @@ from fem_snh.runs.output.vtu import DataArray
 
 if TYPE_CHECKING:
     from fem_snh.runs.output.nodal_projection import NodalProjection
-
-Array = npt.NDArray[np.float64]
 
 #: The symmetric tensors of ``POINT_FIELDS``.
 _SYMMETRIC = ("cauchy_stress", "green_lagrange_strain")

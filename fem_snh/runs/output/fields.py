@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.regions import Region
 from fem_snh.errors import on_every, on_root
 from fem_snh.files import replace_file
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from fem_snh.runs.output.skin_series import ObstacleSeries, SkinSeries
     from fem_snh.runs.setup import Setup
 
-
-Array = npt.NDArray[Any]
 
 #: The time series of the surface of a body in a lattice, and of the surfaces of obstacles.
 SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
@@ -275,7 +273,7 @@ class CellGroups(NamedTuple):
     """
 
     names: list[list[str]]
-    numbers: npt.NDArray[Any]
+    numbers: Array
 
 
 def cell_groups(mesh: Mesh, regions: list[Region]) -> CellGroups | None:

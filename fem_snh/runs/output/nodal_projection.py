@@ -14,15 +14,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import jacobi_cg
+from fem_snh.arrays import Array
 from fem_snh.assembly.unknowns import add_ghosts, writable_values
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[np.float64]
 
 #: Relative residual of the mass matrix's linear systems. With a unit diagonal its condition number
 #: is at most 27 (Wathen 1987), so the residual of the recurrence is the true one to rounding.

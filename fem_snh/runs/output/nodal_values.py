@@ -5,19 +5,15 @@ A checkpoint holds both, so that a run on another partition of the mesh finds it
 
 from __future__ import annotations
 
-from typing import Any
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
-
-Array = npt.NDArray[Any]
 
 #: Largest distance between coordinates of the same node, relative to the body's extent. Partitions
 #: compute coordinates that differ by rounding; different nodes are much farther apart.

@@ -10,14 +10,12 @@ from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.kernels import build
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-
-Array = npt.NDArray[np.float64]
 
 #: The shape of a value by field. PointFields in point_fields_api.h defines the fields.
 POINT_FIELDS: dict[str, tuple[int, ...]] = {

@@ -9,9 +9,9 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.contact.gathered_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
 from fem_snh.geometry.motions import MovingShape, Pose
@@ -21,8 +21,6 @@ from fem_snh.mesh.gmsh_model import Skin
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.vtu import TRIANGLE, Collection, DataArray, VtkGrid, vtu_file
-
-Array = npt.NDArray[Any]
 
 
 class SkinSeries(Collection):

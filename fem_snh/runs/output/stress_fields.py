@@ -17,8 +17,8 @@ from typing import NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
 from fem_snh.assembly.unknowns import local_values
 from fem_snh.errors import on_root
@@ -88,8 +88,6 @@ class StressLoops:
         self._lib.stresses_cells(self._cells, *arrays)
         return PointStresses(weights, H.transpose(2, 3, 1, 0), P.transpose(2, 3, 1, 0))
 
-
-Array = npt.NDArray[np.float64]
 
 #: Keys of the quadrature weights and the displacement gradient beside the fields, by name.
 _WEIGHTS, _GRADIENT = "weights", "displacement_gradient"

@@ -10,18 +10,17 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import remove, replace_file
 
-Array = npt.NDArray[Any]
 Buffer = bytes | memoryview
 
 #: VTK's number of a triangle, as the kind of a `VtkGrid`.

@@ -6,9 +6,8 @@ from math import cos, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from fem_snh.geometry.shapes.shape import Array
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.scenes import Scene
 from fem_snh.scenes._bones import (
     BoneSegment,
@@ -161,6 +160,6 @@ def _around(points: Array, radii: tuple[float, float, float]) -> list[dict[str, 
     return [capsule(a, b, r * MM) for a, b, r in zip(points, ends, radii, strict=False)]
 
 
-def _m(x: npt.ArrayLike) -> Array:
+def _m(x: ArrayLike) -> Array:
     """Convert points from mm to m."""
     return MM * np.asarray(x, dtype=float)

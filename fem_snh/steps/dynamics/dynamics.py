@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.nodal_mass import NodalMass
@@ -33,8 +33,6 @@ from fem_snh.terms.term import Term, WorkingTerm
 if TYPE_CHECKING:
     from fem_snh.scenes import Time
     from fem_snh.terms.rigid_parts import RigidParts
-
-Array = npt.NDArray[Any]
 
 #: Load interval over which prescribed motions are differenced at the start: their rounding errors
 #: are then far below the tolerance of forces.

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import vector_like
+from fem_snh.arrays import Array
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.unknowns import local_values, owned_sums, update_ghosts, with_ghosts
 from fem_snh.geometry.rotations import skew
@@ -22,8 +22,6 @@ from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping
 from fem_snh.terms.term import MeanForceTerm, Term
-
-Array = npt.NDArray[Any]
 
 
 class MeanForces(NamedTuple):

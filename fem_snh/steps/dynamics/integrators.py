@@ -16,15 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array
 from fem_snh.choices import DEFAULT_RHO_INFINITY, INTEGRATORS
 from fem_snh.errors import bad_value, check_number, choose
 
-Array = npt.NDArray[Any]
 #: A function that sets constrained directions of displacements (local dofs,) to zero, in place.
 Project = Callable[[Array], None]
 

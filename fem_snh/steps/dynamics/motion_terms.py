@@ -8,16 +8,14 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh._petsc import jacobi_cg
+from fem_snh.arrays import Array
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.nodal_mass import NodalMass, StoredMatrix
 from fem_snh.assembly.unknowns import local_values, writable_values
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.terms.term import Term
-
-Array = npt.NDArray[Any]
 
 #: Relative tolerance of the solves for rates of a pressure, and the compliance, relative to the
 #: largest one, up to which it is rounding.

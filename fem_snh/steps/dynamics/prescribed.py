@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.arrays import Array
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.unknowns import local_values, update_ghosts
 from fem_snh.geometry.motions import path_rates
@@ -15,8 +15,6 @@ from fem_snh.steps.dynamics.integrators import BDF2, MotionState
 
 if TYPE_CHECKING:
     from fem_snh.terms.rigid_parts import RigidParts
-
-Array = npt.NDArray[Any]
 
 
 class PrescribedState(NamedTuple):

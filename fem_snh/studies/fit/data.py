@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.errors import (
     BadInput,
     bad_value,
@@ -34,8 +34,6 @@ from fem_snh.errors import (
 from fem_snh.files import read_text
 from fem_snh.records.units import stress_unit
 from fem_snh.studies.fit.responses import FREE, MEASURES
-
-Array = npt.NDArray[np.float64]
 
 #: Built-in data, by name.
 DATASETS = {file.stem: file for file in sorted(Path(__file__).parent.glob("tables/*.csv"))}
@@ -138,7 +136,7 @@ class TestData:
         return 0.0 if self.kind == "simple_shear" else 1.0
 
 
-def is_safe_to_square(value: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def is_safe_to_square(value: ArrayLike) -> Array:
     """Return a mask of the numbers that are 0 or of a size from `_LEAST` to its inverse."""
     size = np.abs(np.asarray(value, dtype=np.float64))
     return np.asarray((size == 0) | (size >= _LEAST) & (size <= 1 / _LEAST))

@@ -14,10 +14,10 @@ from math import inf
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import sympy
 
 from fem_snh import materials
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.construction import symbolic
@@ -31,8 +31,6 @@ from fem_snh.materials.parameters import (
     default_variants,
     ranges,
 )
-
-Array = npt.NDArray[np.float64]
 
 #: mu_lame and lambda_lame at which an incompressible material of E = 1 is evaluated; its pressure
 #: removes the effect of lambda_lame.

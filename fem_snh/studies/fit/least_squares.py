@@ -22,12 +22,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.studies.fit.data import TestData
 from fem_snh.studies.fit.family import Family, Unknown
 from fem_snh.studies.fit.responses import response
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 #: Tolerance of scipy's least squares, and its largest number of iterations from a start.

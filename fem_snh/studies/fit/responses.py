@@ -34,12 +34,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from fem_snh.arrays import Array
 
 if TYPE_CHECKING:
     from fem_snh.studies.fit.family import Member
-
-Array = npt.NDArray[np.float64]
 
 #: The tests with a free stretch and one independent stretch; `biaxial` has two.
 FREE = ("uniaxial", "equibiaxial", "planar")
@@ -203,7 +202,7 @@ def smallest_stiffness(law: Member, kind: str, x: Array, stretch_2: Array | None
     with np.errstate(invalid="ignore"):  # infinite stresses
         A = np.einsum("ni,nij,nj->nij", s, (A + np.swapaxes(A, -1, -2)) / 2, s)
         A[:, range(3), range(3)] += s * stress
-    finite: npt.NDArray[np.bool_] = np.isfinite(A).all(axis=(-1, -2))
+    finite: Array = np.isfinite(A).all(axis=(-1, -2))
     finite &= np.isfinite(response(law, kind, x, stretch_2))
     A = np.where(finite[:, None, None], A, 0.0)
     if law.nu is None:

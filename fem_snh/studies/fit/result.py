@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
+from fem_snh.arrays import Array, ArrayLike
 from fem_snh.files import write_file
 from fem_snh.studies.fit.data import TestData
 from fem_snh.studies.fit.family import Family
@@ -27,8 +27,6 @@ from fem_snh.studies.fit.responses import (
 
 if TYPE_CHECKING:
     from fem_snh.kernels.material import Material
-
-Array = npt.NDArray[np.float64]
 
 #: Significant digits of the numbers in the table, more than data have.
 _DIGITS = 10
@@ -184,8 +182,8 @@ class Fit:
     def stress(
         self,
         kind: str,
-        x: npt.ArrayLike,
-        stretch_2: npt.ArrayLike | None = None,
+        x: ArrayLike,
+        stretch_2: ArrayLike | None = None,
         measure: str = "stress",
     ) -> Array:
         """Return the stress of the fit in a test.

@@ -16,12 +16,13 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyvista as pv
 
+from fem_snh.arrays import Array
 from fem_snh.errors import BadInput
 from fem_snh.files import read_text, replace_file
 from fem_snh.viewing import ignore
 from fem_snh.viewing.export import obj_path
 from fem_snh.viewing.render.surfaces import boundary
-from fem_snh.viewing.states import Array, ExportedState, States
+from fem_snh.viewing.states import ExportedState, States
 
 #: Subdivision level: each face of a quadratic cell becomes the triangles between its nodes.
 _LEVEL = 1
