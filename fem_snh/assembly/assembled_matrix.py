@@ -205,8 +205,6 @@ class BlockMatrix:
             finally:
                 self.addresses = Addresses()
             self._sent_rows.add_to(add)
-        if half:
-            half.finish()
         if self._couplings:
             self._couplings.set_values(self.mat)
         self.mat.assemble()
@@ -218,6 +216,7 @@ class BlockMatrix:
             self._projection.apply(self.mat)
         self._add_constrained_diagonal()
         if half:
+            half.finish()
             half.update_aij(self.mat)
 
     @contextmanager

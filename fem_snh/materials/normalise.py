@@ -81,7 +81,7 @@ def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
 
 
 def solve(*args: Any, **settings: Any) -> list[Any]:
-    """Return the solutions of `sympy.solve`; [] if it finds none."""
+    """Return the solutions of ``sympy.solve``; [] if it finds none."""
     try:
         return list(sympy.solve(*args, **settings))
     except NotImplementedError:

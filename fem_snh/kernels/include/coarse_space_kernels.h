@@ -96,7 +96,7 @@ int coarse_window(const SymmetricBlockMatrix *b, const CoarseSpace *c, int *band
   *bandwidth = 0;
   for (int k = 0; k < b->rows; k++)
     for (int m = b->upper_start[k]; m < b->upper_start[k + 1]; m++) {
-      const int distance = abs(b->upper_column[m] - b->order[k]);
+      const int i = b->order[k], j = b->upper_column[m], distance = i < j ? j - i : i - j;
       *bandwidth = distance > *bandwidth ? distance : *bandwidth;
     }
   for (int i = 0; i < b->rows; i++) {
