@@ -40,6 +40,7 @@ Saad, Yeung, Erhel & Guyomarc'h 2000, SIAM J. Sci. Comput. 21, 1909.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
@@ -250,12 +251,17 @@ class Deflation:
             given = *matrix.addresses(values, off_diagonal), scale
             matrix.lib.coarse_assemble(matrix.struct, self.struct, *given, matrix.pointer(E))
         else:
-            bandwidth = matrix.ffi.new("int *")
-            window = matrix.lib.coarse_window(matrix.struct, self.struct, bandwidth)
-            sums = np.zeros((window, matrix.size**2, FUNCTIONS))
-            given = bandwidth[0], window, matrix.pointer(sums), matrix.pointer(E)
+            sums = np.zeros((self._window[1], matrix.size**2, FUNCTIONS))
+            given = *self._window, matrix.pointer(sums), matrix.pointer(E)
             matrix.lib.coarse_assemble_half(matrix.struct, self.struct, *given)
         return self.E.update(E)
+
+    @cached_property
+    def _window(self) -> tuple[int, int]:
+        """The bandwidth and the window of ``coarse_assemble_half``; the pattern determines both."""
+        bandwidth = self._matrix.ffi.new("int *")
+        window = self._matrix.lib.coarse_window(self._matrix.struct, self.struct, bandwidth)
+        return bandwidth[0], window
 
     def _update_functions(self, free: Array) -> None:
         """Compute Z if the set of coupled unknowns changed."""
