@@ -385,37 +385,34 @@ def start_notes(problem: Problem) -> list[Note]:
 
 def jump_notes(found: Finding | None, step: int) -> list[Note]:
     """Return [], or the note on what was found in the attempted step number ``step``."""
-    return [_jump_note(found, step)] if found else []
+    return [Note("jump", _description(found), step, found._asdict())] if found else []
 
 
-def _jump_note(found: Finding, step: int) -> Note:
+def _description(found: Finding) -> str:
     loads = f"{found.start:.6g} to {found.end:.6g}"
     if isinstance(found, SkippedPath):
-        text = (
+        return (
             f"the step from load {loads} ends at another equilibrium than {_PARTS} smaller ones: "
             f"its energy is {found.energy:.4g} J, theirs {found.followed:.4g} J; the body has "
             "several states there, and which one it reaches depends on the path: take more steps"
         )
-        return Note("jump", text, step, found._asdict())
     is_far = found.ratio > _FAR
     far = f"{found.ratio:.2g} times as far as expected"
     if isinstance(found, UnexaminedStep):
         usual = f", {found.usual:g} in the steps before" if found.usual else ""
-        text = (
+        return (
             f"in the step from load {loads} the body moves{f' {far}' if is_far else ''} in "
             f"{found.newton} Newton iterations{usual}: it may have jumped to another state "
             "(snap-through, buckling, loss of contact), for which steps with contact or friction "
             f"are not examined; {BEYOND_LIMIT}"
         )
-        return Note("jump", text, step, found._asdict())
     lost = isinstance(found, LostPath)
     way = ", and half of that step finds no equilibrium: " if lost else ": "
     parts = "displacement of the step to its load are made"
     if isinstance(found, Jump) and found.lost:
         parts = f"{found.lost:.3g} J that the step to its load loses are lost"
-    text = (
+    return (
         f"{100 * found.part:.0f} % of the {parts} between "
         f"the loads {found.start:.6g} and {found.end:.6g}{way}the body jumps to a state far away "
         f"(snap-through){f', {far}' if is_far else ''}; {BEYOND_LIMIT}"
     )
-    return Note("jump", text, step, found._asdict())
