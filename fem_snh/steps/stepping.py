@@ -362,6 +362,10 @@ class Stepper:
         if converged and self._jumps:
             self.jump = self._jumps.find(load, before, outcome.newton)
             self._last_jump = self.jump or self._last_jump
+        optional = {  # of a linearised step; of a rescued one, proximal over largest force
+            "linear_residual": outcome.linear_residual,
+            "stabilisation": outcome.stabilisation if converged else None,
+        }
         self._last = {
             "load": to,
             "converged": converged,
@@ -373,8 +377,7 @@ class Stepper:
             "residual": outcome.residual,
             "tolerance": self._tolerance(outcome),
             **problem.history.settling(),
-            **self._linear_residual(outcome),
-            **self._stabilisation(outcome),
+            **{key: value for key, value in optional.items() if value is not None},
             **self._energies(load, to),
             **(self.solver.pressures.row() if self.solver.pressures else {}),
             **(self._jumps.row() if converged and self._jumps else {}),
@@ -427,18 +430,6 @@ class Stepper:
         if outcome.tolerance is not None:
             return outcome.tolerance
         return float(self.solver.snes.getPythonContext().scaled_tolerance)
-
-    @staticmethod
-    def _linear_residual(outcome: StepOutcome) -> dict[str, float]:
-        """Return {"linear_residual": relative residual} of a linearised step, else {}."""
-        residual = outcome.linear_residual
-        return {} if residual is None else {"linear_residual": residual}
-
-    @staticmethod
-    def _stabilisation(outcome: StepOutcome) -> dict[str, float]:
-        """Return {"stabilisation": proximal over largest force} of a rescued step, else {}."""
-        part = outcome.stabilisation
-        return {} if part is None or not outcome.converged else {"stabilisation": part}
 
     def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
         """Return the kinds of notes on the last step; ``recorded``: of `TermHistory.record`."""
