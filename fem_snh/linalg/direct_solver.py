@@ -195,7 +195,7 @@ class SymmetricFactors:
         _, S = solve_columns(self._ksp, operator)
         return int((np.linalg.eigvalsh(S) <= 0).sum())
 
-    def destroy(self) -> None:
+    def close(self) -> None:
         """Destroy the factors. Collective."""
         self._ksp.destroy()
 

@@ -22,6 +22,7 @@ finds the eigenvalues of S next to zero on either side.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from itertools import compress
 from math import isfinite, sqrt
 
@@ -119,11 +120,8 @@ class EquilibriumStability:
         Failed
             If the factors do not fit into memory.
         """
-        factors = SymmetricFactors(self._assembled(x))
-        try:
+        with closing(SymmetricFactors(self._assembled(x))) as factors:
             return self._count(factors)
-        finally:
-            factors.destroy()
 
     def leave(
         self, start: State, search: LineSearch, trial: State, shortest: float = 0.0
@@ -152,13 +150,10 @@ class EquilibriumStability:
         Failed
             If the factors do not fit into memory.
         """
-        factors = SymmetricFactors(self._assembled(start.x))
-        try:
+        with closing(SymmetricFactors(self._assembled(start.x))) as factors:
             negative, d = self._count(factors), None
             if negative > 0 and self._problem.is_assembled:
                 d = factors.negative_direction(negative, _wave(self._problem))
-        finally:
-            factors.destroy()
         return negative, 0.0 if d is None else self._descend(start, d, search, trial, shortest)
 
     def _descend(

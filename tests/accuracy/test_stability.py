@@ -80,7 +80,7 @@ def test_negative_eigenvalues_and_the_lowest_eigenvector_are_those_of_numpy(comm
     assert factors.factorise() == 2
     A.shift(2.5)
     assert factors.factorise() == 0
-    factors.destroy()
+    factors.close()
 
 
 @mpi
@@ -99,7 +99,7 @@ def test_matrices_of_rank_one_remove_negative_eigenvalues(comm, scale):
     whole = array + columns @ np.diag(c.array_r) @ columns.T
     left = factors.factorise() - factors.removed_by(PETSc.Mat().createLRC(A, U, c, U))
     assert left == np.count_nonzero(np.linalg.eigvalsh(whole) < 0)
-    factors.destroy()
+    factors.close()
 
 
 def column(comm, load, side=0.0, **settings):
