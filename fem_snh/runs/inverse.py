@@ -494,15 +494,13 @@ class InverseProblem:
             stack.enter_context(solver.petsc_failures())
             stack.enter_context(scene_options(scene))
             setup = set_up(self.comm, scene)
-            try:
-                states = self._states(setup)
-                if not setup.stepper.done:
-                    self.failure = setup.stepper.failure_message()
-                    return None
-                values = np.concatenate([state.values for state in states])
-                columns = [self._derivative(z, k, setup, states) for k in range(len(z))]
-            finally:
-                setup.destroy()
+            stack.callback(setup.destroy)
+            states = self._states(setup)
+            if not setup.stepper.done:
+                self.failure = setup.stepper.failure_message()
+                return None
+            values = np.concatenate([state.values for state in states])
+            columns = [self._derivative(z, k, setup, states) for k in range(len(z))]
         residual = (values - self.curve.values[self.curve.known]) / self.scale
         jacobian = np.stack(columns, axis=1) / self.scale[:, None]
         found: tuple[Array, Array] = self.comm.bcast((residual, jacobian))
