@@ -422,14 +422,18 @@ def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:
         return DisplacementBlocks(own, others, first, (first[owner] + node)[chosen])
 
 
+def _first_rows(block: AIJBlock, rows: int, size: int) -> tuple[Array, Array, Array]:
+    """Return where the first matrix row of each block row begins, its length, and all columns."""
+    start, column = block.csr()
+    first = start[: size * rows + 1]
+    return first[:-1:size].astype(np.int64), np.diff(first)[::size], column
+
+
 def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
     """Return the displacement's blocks in the diagonal block of an AIJ matrix."""
-    start, column = block.csr()
-    unknowns = size * rows
-    begin = start[:unknowns:size].astype(np.int64)
-    stride = np.diff(start[: unknowns + 1])[::size]
-    count = stride // size
-    if len(start) - 1 > unknowns:  # pressures
+    begin, stride, column = _first_rows(block, rows, size)
+    count, unknowns = stride // size, size * rows
+    if len(block.csr()[0]) - 1 > unknowns:  # pressures
         count = (first_offsets(column, begin, begin + stride, unknowns) - begin) // size
     indptr = np.concatenate([[0], np.cumsum(count)])
     offset = np.repeat((begin - size * indptr[:-1]).astype(np.int32), count)
@@ -445,10 +449,7 @@ def _chosen_blocks(block: AIJBlock, rows: int, size: int, number: Array) -> Bloc
     number : (columns,)
         The node of which a column is the first; -1 for other columns.
     """
-    start, column = block.csr()
-    unknowns = size * rows
-    begin = start[:unknowns:size].astype(np.int64)
-    stride = np.diff(start[: unknowns + 1])[::size]
+    begin, stride, column = _first_rows(block, rows, size)
     offset = concatenated_ranges(begin, stride)
     node = number[column[offset]]
     chosen = node >= 0
