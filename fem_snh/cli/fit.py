@@ -97,19 +97,14 @@ def fit(argv: list[str]) -> int:
         return _fit_scene(args, petsc)
     if petsc:
         raise BadInput("fit: PETSc options: expected with a scene and --to")
-    keywords: dict[str, Any] = {
-        "nu": args.nu,
-        "relative": args.relative,
-        "stable_range": None if args.range is None else _pair("range", args.range),
-        "bounds": {k: _pair(f"bounds {k}", v) for k, v in assignments(args.bounds).items()},
-        "parameters": _words("parameters", args.parameters),
-        "test": _words("test", args.test),
-        "columns": _words("columns", args.columns),
-        "unit": args.unit,
-        "modulus_unit": args.modulus_unit,
-        "weights": _words("weights", args.weights),
-        "held": material_values(args.set),
-    }
+    given = vars(args)
+    keywords = {key: given[key] for key in ("nu", "relative", "unit", "modulus_unit")}
+    keywords["stable_range"] = None if args.range is None else _pair("range", args.range)
+    bounds = assignments(args.bounds).items()
+    keywords["bounds"] = {key: _pair(f"bounds {key}", text) for key, text in bounds}
+    for key in ("parameters", "test", "columns", "weights"):
+        keywords[key] = None if given[key] is None else comma_list(key, given[key])
+    keywords["held"] = material_values(args.set)
     if args.all:
         return _rank(args, keywords)
     if not args.names:
@@ -250,10 +245,6 @@ def _error(error: float, over_determined: bool) -> str:
     if not over_determined:
         return "needs more points than parameters"
     return f"{error:.2g}" if math.isfinite(error) else "not shown by the data"
-
-
-def _words(key: str, text: str | None) -> list[Any] | None:
-    return None if text is None else comma_list(key, text)
 
 
 def _pair(key: str, text: str) -> tuple[float, float]:
