@@ -51,7 +51,7 @@ class Job:
     """The input of a drawing process.
 
     ``panels`` are the states to draw, and ``out`` is the file to write. Labels are in ``units``;
-    None: in SI units, and without a scale bar.
+    None: in SI units, and without a scale bar. BadInput unless ``opacity`` is in (0, 1].
     """
 
     field: str
@@ -61,6 +61,10 @@ class Job:
     opacity: float = 1.0
     view: ViewOptions = WHOLE
     units: Units | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.opacity <= 1:
+            raise bad_value("--opacity", self.opacity, "a number above 0, up to 1")
 
 
 def main(
@@ -114,9 +118,8 @@ def main(
     if not loads and field.startswith(ERRORS):
         loads = [max(run.states)]
     panels = [run.panel(load) for load in choose_loads(list(run.states), loads)]
-    opacity, units = check_opacity(opacity), Units.of(run.record)
-    job = Job(field, title(run.record), panels, out, opacity, run.view, units)
-    draw(job, report)
+    units = Units.of(run.record)
+    draw(Job(field, title(run.record), panels, out, opacity, run.view, units), report)
     return out
 
 
@@ -295,8 +298,7 @@ def movie(
         raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(run.states)}")
     frames = max(2, round(seconds * FRAMES_PER_SECOND))
     panels, units = [run.panel(load) for load in run.states], Units.of(run.record)
-    opacity = check_opacity(opacity)
-    job = Job(field, title(run.record), panels, out, opacity, view=run.view, units=units)
+    job = Job(field, title(run.record), panels, out, opacity, run.view, units)
     timeout, writer = frames * _FRAME_TIMEOUT, f"{__name__}.drawing:write_movie"
     run_elsewhere(writer, job, run.record, frames, report=report, timeout=timeout, opengl=True)
     return out
@@ -355,13 +357,6 @@ def picture_path(out: str | Path) -> Path:
     if out.suffix.lower() not in PICTURES:
         raise bad_value("--out", str(out), f"a file {', '.join(PICTURES)}")
     return out
-
-
-def check_opacity(opacity: float) -> float:
-    """Return the opacity; raise BadInput unless it is in (0, 1]."""
-    if not 0 < opacity <= 1:
-        raise bad_value("--opacity", opacity, "a number above 0, up to 1")
-    return opacity
 
 
 def draw(job: Job, report: Callable[[str], None] | None = None) -> None:
