@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -184,18 +185,19 @@ def define_scene(
     scene: scenes.Scene, comm: MPI.Comm, mesh: meshes.Mesh | None = None
 ) -> tuple[Definition, Any]:
     """Return the definition of a scene's problem, and its displacement Function. Collective."""
-    statement, motion = build(scene, comm, mesh).statement, Record()
+    built, motion = build(scene, comm, mesh), Record()
     if scene.time:
-        from fem_snh.steps.dynamics.dynamics import create_motion
+        from fem_snh.steps.dynamics.dynamics import Dynamics
 
-        motion = {"motion": create_motion(scene.time), "integrator": scene.time.integrator}
-    defined = define(**statement, **motion)
+        create = partial(Dynamics, **built.time, tolerance=scene.time.tolerance)
+        motion = {"motion": create, "integrator": scene.time.integrator}
+    defined = define(**built.statement, **motion)
     return replace(
         defined,
         u=None,
         reactions=scene.reactions,
         volumes=scene.volumes,
-    ), statement["u"]
+    ), built.statement["u"]
 
 
 def _at_ratio(definition: Definition, scene: scenes.Scene, nu: float) -> Definition:

@@ -7,7 +7,6 @@ Inertia and damping are terms of the problem, and the solver is that of statics.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from math import inf, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,7 +30,6 @@ from fem_snh.steps.dynamics.prescribed import PrescribedMotion
 from fem_snh.terms.term import Term, WorkingTerm
 
 if TYPE_CHECKING:
-    from fem_snh.scenes import Time
     from fem_snh.terms.rigid_parts import RigidParts
 
 #: Load interval over which prescribed motions are differenced at the start: their rounding errors
@@ -559,16 +557,3 @@ def work_of_loads(
 def _loads(problem: Problem, excluded: Sequence[Term]) -> list[Term]:
     """Return the problem's terms without the elastic energy and the excluded terms."""
     return [t for t in problem.terms if t is not problem.elastic and t not in excluded]
-
-
-def create_motion(time: Time) -> partial[Dynamics]:
-    """Return the function that creates the motion of a scene's body: see `CreateMotion`."""
-    return partial(
-        Dynamics,
-        integrator=time.integrator,
-        duration=time.duration,
-        mass=time.mass,
-        damping=(time.damping.mass, time.damping.stiffness),
-        rho_infinity=time.rho_infinity,
-        tolerance=time.tolerance,
-    )
