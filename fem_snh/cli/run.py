@@ -210,19 +210,9 @@ def sweep(argv: list[str]) -> int:
     if args.scheduler is not None:
         choose("scheduler", args.scheduler, ["slurm"])
         jobs = Slurm(args.account, args.partition, args.array_limit, args.scheduler_option)
-    table = study(
-        args.scene,
-        args.out,
-        axes,
-        jobs=jobs,
-        ranks=args.ranks,
-        timeout=args.timeout,
-        memory=args.memory,
-        retry=args.retry,
-        overwrite=args.overwrite,
-        petsc=petsc,
-        render=args.render,
-    )
+    keys = ("ranks", "timeout", "memory", "retry", "overwrite", "render")
+    chosen = {key: vars(args)[key] for key in keys}
+    table = study(args.scene, args.out, axes, jobs=jobs, petsc=petsc, **chosen)
     good = int(table["converged"].sum())
     noted = int(table["notes"].ne(NO_NOTES).sum())
     remark = f", {noted} with notes" if noted else ""
