@@ -381,12 +381,17 @@ def part_of(A: PETSc.Mat, unknowns: int, components: int) -> PETSc.Mat:
     components : int
         Components of the displacement.
     """
-    part = PETSc.Mat().create(A.comm)
-    part.setSizes(((unknowns, None),) * 2, bsize=components)
-    part.setType(PETSc.Mat.Type.PYTHON)
-    part.setPythonContext(_Part(A, unknowns))
-    part.setUp()
-    return part
+    return python_matrix(A.comm, unknowns, components, _Part(A, unknowns))
+
+
+def python_matrix(comm: Any, rows: int, size: int, context: object) -> PETSc.Mat:
+    """Return a matrix of type "python" with this rank's rows, in blocks of ``size``. Collective."""
+    matrix = PETSc.Mat().create(comm)
+    matrix.setSizes(((rows, None),) * 2, bsize=size)
+    matrix.setType(PETSc.Mat.Type.PYTHON)
+    matrix.setPythonContext(context)
+    matrix.setUp()
+    return matrix
 
 
 def stored_in(A: PETSc.Mat) -> PETSc.Mat:

@@ -29,6 +29,7 @@ from fem_snh.linalg.block_matrix import (
     Halo,
     SymmetricBlockMatrix,
     open_kernels,
+    python_matrix,
 )
 
 #: The arrays that hold the values: U, other ranks' columns and the block diagonal, numbered as in a
@@ -108,12 +109,8 @@ class HalfMatrix:
 
     def create_mat(self) -> PETSc.Mat:
         """Return the matrix, of type "python"."""
-        mat, rows = PETSc.Mat().create(self._comm), self.matrix.size * self.matrix.rows
-        mat.setSizes(((rows, None),) * 2, bsize=self.matrix.size)
-        mat.setType(PETSc.Mat.Type.PYTHON)
-        mat.setPythonContext(self)
-        mat.setUp()
-        return mat
+        size = self.matrix.size
+        return python_matrix(self._comm, size * self.matrix.rows, size, self)
 
     # --- assembly ---------------------------------------------------------------------------------
 
