@@ -25,7 +25,7 @@ from fem_snh.geometry.surface_nets import (
 )
 from fem_snh.mesh.gmsh_input import fill
 from fem_snh.mesh.gmsh_model import MeshData, NodeCopies, PhysicalGroup, Skin
-from fem_snh.mesh.lattice_parts import FACES, Parts, separate, without_fragments
+from fem_snh.mesh.lattice_parts import FACES, Parts, keep_closest, separate, without_fragments
 from fem_snh.mesh.lattice_samples import Samples, refine, sample_shape, sorted_samples
 from fem_snh.mesh.mesh import Mesh, distribute
 
@@ -264,11 +264,7 @@ def carry(grid: Grid, samples: Samples, parts: Parts, points: Array, triangles: 
         for start in range(0, len(point), _BATCH):
             p, r = point[start : start + _BATCH], row[start : start + _BATCH]
             distance = np.linalg.norm((below[p] - cell[p])[:, None] - place, axis=2)
-            distance[labels[r] == 0] = np.inf
-            best, every = distance.argmin(axis=1), np.arange(len(p))
-            better = distance[every, best] < closest[p]
-            closest[p[better]] = distance[every, best][better]
-            carrier[p[better]] = labels[r, best][better]
+            keep_closest(distance, labels[r], p, closest, carrier)
     lost = np.flatnonzero(carrier == 0)
     if len(lost):  # on a fragment that the lattice leaves out
         centres = samples.cells[parts.owner] + 0.5

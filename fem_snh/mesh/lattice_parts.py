@@ -162,13 +162,28 @@ def _nearest(grid: Grid, samples: Samples, labels: Labels) -> Integers:
         found, row = found[~thin[row]], row[~thin[row]]
         label = labels[row].reshape(len(row), cubes)
         away = np.linalg.norm(place + s * step - mine[found, None], axis=2)
-        away[label == 0] = np.inf
-        best, every = away.argmin(axis=1), np.arange(len(row))
-        better = away[every, best] < closest[found]
-        closest[found[better]] = away[every, best][better]
-        partner[found[better]] = label[every, best][better]
+        keep_closest(away, label, found, closest, partner)
     own = labels[rows].reshape(len(rows), cubes).max(axis=1)
     return np.stack([own, partner], axis=1)[partner > 0].astype(np.int64) - 1
+
+
+def keep_closest(
+    distance: Array, labels: Array, rows: Integers, closest: Array, label: Integers
+) -> None:
+    """Keep the label of the closest cube of each row, where it is closer than the known one.
+
+    Parameters
+    ----------
+    distance, labels : (n, cubes)
+        The distances of cubes, and their labels; 0 is that of no part.
+    rows : (n,) int
+        Different rows of `closest` and ``label``, which are updated in place.
+    """
+    distance = np.where(labels == 0, np.inf, distance)
+    best, every = distance.argmin(axis=1), np.arange(len(rows))
+    better = distance[every, best] < closest[rows]
+    closest[rows[better]] = distance[every, best][better]
+    label[rows[better]] = labels[every, best][better]
 
 
 def _common_corners(cells: Integers, pairs: Integers) -> tuple[Integers, Integers]:
