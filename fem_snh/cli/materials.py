@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -64,7 +63,7 @@ def materials_parser() -> Parser:
 def materials(argv: list[str]) -> int:
     """List the materials, describe one, or report its behaviour; return 0."""
     args = materials_parser().parse(argv)
-    numbers = _numbers(args)
+    numbers = with_settings({"E": args.E, "nu": args.nu}, material_values(args.set))
     if args.table:
         return _table(args.names, args.csv, args.overwrite, numbers)
     if len(args.names) > 1:
@@ -95,11 +94,6 @@ def materials(argv: list[str]) -> int:
         stem = name.rpartition(":")[2]  # of FILE.py:FUNCTION, the function
         print(report.plot(Path(args.plot or f"{stem}.png")))
     return 0
-
-
-def _numbers(args: Namespace) -> dict[str, Any]:
-    """Return the keywords of `fem_snh.material` that were given by --E, --nu and --set."""
-    return with_settings({"E": args.E, "nu": args.nu}, material_values(args.set))
 
 
 def _list() -> int:
