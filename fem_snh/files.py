@@ -93,11 +93,6 @@ def make_folder_of(path: Path) -> None:
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def _temporary_path(path: Path) -> Path:
-    """Return a random hidden path beside ``path``, at which the file is first written."""
-    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
-
-
 def remove_leftovers(folder: Path, is_own: Callable[[str], bool]) -> None:
     """Remove temporary files of killed processes, if ``is_own`` accepts the final file's name."""
     for path in folder.iterdir():
@@ -150,7 +145,7 @@ def replace_file(
     BadInput
         If the file cannot be written, as on a full disk; an earlier file is unchanged.
     """
-    new = _temporary_path(path)
+    new = path.with_name(f".{path.name}.{secrets.token_hex(8)}.new")
     try:
         with new.open("x+b") as file:
             if isinstance(content, str):
