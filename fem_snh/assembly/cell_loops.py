@@ -19,7 +19,6 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels import build
 from fem_snh.kernels.build import header
-from fem_snh.kernels.cell_matrices import Addresses
 from fem_snh.kernels.material import Compiled, Material, compile_kernel
 
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
@@ -163,8 +162,8 @@ class CellLoops:
         """Return a MatrixTarget (cell_api.h) for `jacobian`.
 
         The arguments are ``row_strides``, ``block_positions``, ``free`` and ``is_constrained`` of a
-        `BlockMatrix`. The caller keeps them alive, and before each use calls `set_addresses` and
-        sets ``rotation``, if used.
+        `BlockMatrix`. The caller keeps them alive, and before each use sets the addresses of the
+        values (`fem_snh.kernels.cell_matrices.Addresses`) and ``rotation``, if used.
         """
         target = self._ffi.new("MatrixTarget *")
         target.stride = [self.pointer(stride) for stride in strides]
@@ -177,10 +176,6 @@ class CellLoops:
     def cells_address(self) -> int:
         """Return the address of the struct Cells (cell_api.h), valid as long as this object."""
         return int(self._ffi.cast("uintptr_t", self._cells))
-
-    def set_addresses(self, target: Any, addresses: Addresses) -> None:
-        """Set where the values of a MatrixTarget are."""
-        addresses.set(self._ffi, target)
 
     def energy(self, u: Array, pressure: Array | None = None) -> float:
         """Return the energy [J] of this rank's cells; +inf outside the energy's domain."""

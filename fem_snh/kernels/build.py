@@ -202,11 +202,11 @@ def cdata(array: ArrayLike, dtype: Any = np.float64) -> CData:
     The values are a copy unless the array is contiguous and of this ``dtype``.
     """
     kind = "double[]" if dtype is np.float64 else "int[]"
-    return _plain_types().from_buffer(kind, np.ascontiguousarray(array, dtype))
+    return plain_types().from_buffer(kind, np.ascontiguousarray(array, dtype))
 
 
 @functools.cache
-def _plain_types() -> FFI:
+def plain_types() -> FFI:
     """Return an FFI object without declarations; all FFI objects share the types of numbers."""
     import _cffi_backend
 

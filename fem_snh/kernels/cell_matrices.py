@@ -207,11 +207,12 @@ class Addresses(NamedTuple):
     rest: Sequence[int] = (0, 0, 0, 0)
     scale: float = 1.0
 
-    def set(self, ffi: Any, target: Any) -> None:
+    def set(self, target: Any) -> None:
         """Set the addresses and the scale of a ``MatrixTarget *``."""
-        target.values = [ffi.cast("double *", address) for address in self.values]
-        target.high = [ffi.cast("float *", address) for address in self.high]
-        target.rest = [ffi.cast("int *", address) for address in self.rest]
+        cast = build.plain_types().cast
+        target.values = [cast("double *", address) for address in self.values]
+        target.high = [cast("float *", address) for address in self.high]
+        target.rest = [cast("int *", address) for address in self.rest]
         target.scale = self.scale
 
 
@@ -268,7 +269,7 @@ class MatrixAddition:
             raise ValueError(f"matrices of shape {matrices.shape} for {len(cells)} cells")
         cells = np.ascontiguousarray(cells, dtype=np.int32)
         values = np.ascontiguousarray(matrices, dtype=np.float64)
-        addresses.set(self._ffi, self._target)
+        addresses.set(self._target)
         self._lib.add_matrices(
             self._target, len(cells), self._pointer(cells), blocks, self._blocks.shape[1],
             self._pointer(self._sizes), self._pointer(self._blocks), self._pointer(values),
@@ -297,7 +298,7 @@ class MatrixAddition:
         values : (pairs,) float64
             One value for each pair.
         """
-        addresses.set(self._ffi, self._target)
+        addresses.set(self._target)
         indptr, indices = pattern
         self._lib.add_node_pairs(
             self._target, int(self._sizes[0]), len(indptr) - 1, self._pointer(indptr),

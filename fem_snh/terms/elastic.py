@@ -158,7 +158,7 @@ class Elastic(Term):
         values, pressure = local_values(u), _if_any(local_values, p)
         filtered = 0
         for part, struct in zip(self.parts, self._structs(target), strict=True):
-            part.loops.set_addresses(struct, target.addresses)
+            target.addresses.set(struct)
             turned = None
             if rotations is not None:
                 cells = selection(part.region.cells, len(rotations))
