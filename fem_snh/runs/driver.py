@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -107,7 +108,7 @@ def run(
         solve = partial(run_levels, comm, solve, printed, resume=resume)
     if out is None:
         return solve(scene)
-    with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
+    with closing(Folder(comm, out, scene.files.values(), overwrite, resume)) as folder:
         if resume and not scene.within:
             solve = partial(solve, stored=Checkpoint.read(folder, scene))
         result = solve(scene, folder=folder)

@@ -163,7 +163,7 @@ def _describe_material(choice: MaterialChoice, region: Region) -> Record:
 class Folder:
     """The locked output folder, created if it does not exist; only rank 0 writes. Collective.
 
-    The end of a ``with`` block releases the lock.
+    `close` releases the lock.
 
     Parameters
     ----------
@@ -217,12 +217,6 @@ class Folder:
             ) from None
         self._lock = lock_run(self.path, inputs, overwrite, resume)
         return self._lock.note
-
-    def __enter__(self) -> Folder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the lock. Not collective."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from time import sleep
 
 from mpi4py import MPI
@@ -171,7 +172,7 @@ def test_numbers_of_steps_are_those_of_json(tmp_path):
         {"load": 1.0, "residual": np.inf, "of": {"energy": np.float64("nan")}},
     ]
     modes = {"steps": [], "frequencies": [], "residuals": []}
-    with Folder(MPI.COMM_SELF, tmp_path / "run") as folder:
+    with closing(Folder(MPI.COMM_SELF, tmp_path / "run")) as folder:
         for written in ([], steps):
             folder.write({"a": np.nan, "steps": written, "modes": modes, "z": 1})
             found = json.loads(
