@@ -443,14 +443,12 @@ def _object_file(chosen: ElementEnergy, entries: Sequence[int]) -> Path:
     """Return the object file of an expression, generated and compiled unless cached."""
     from fem_snh.kernels.codegen.source import point_source
 
+    def generate() -> Compiled:
+        source = point_source(chosen.energy, entries, chosen.functions)
+        return Compiled(build.object_file(source), chosen.constants)
+
     what = chosen.energy.as_text(), chosen.functions, [*entries]
-    key = cache.key(what, _made_by())
-    record = cache.read(key)
-    if record and (path := build.stored(record["file"])):
-        return path
-    path = build.object_file(point_source(chosen.energy, entries, chosen.functions))
-    cache.write(key, {"file": path.name})
-    return path
+    return _recorded(cache.key(what, _made_by()), generate).path
 
 
 def _key(material: Material, volume: str, *what: object) -> str | None:
