@@ -330,10 +330,10 @@ def _connected_parts(problem: Problem) -> tuple[Array, Array]:
     comm, rigid = problem.comm, problem.rigid
     part, count = connected_parts(problem.V)
     if rigid:
-        nodes = np.zeros((rigid.number, count))
+        nodes = np.zeros((len(rigid.names), count))
         np.add.at(nodes, (rigid.labels, part[rigid.nodes]), 1.0)
         links = np.argwhere(comm.allreduce(nodes)) + np.array([count, 0])
-        part = components(links, count + rigid.number)[part]
+        part = components(links, count + len(rigid.names))[part]
     part = part[: _dolfinx.num_nodes(problem.V)[0]]
     sizes = comm.allreduce(np.bincount(part, minlength=count))
     order = np.argsort(-sizes, kind="stable")

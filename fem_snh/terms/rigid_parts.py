@@ -481,11 +481,6 @@ class RigidParts(Term):
 
     # --- rigid motions of the body ----------------------------------------------------------------
 
-    @property
-    def number(self) -> int:
-        """The number of parts."""
-        return len(self._parts)
-
     def twists(self, owners: Array, origin: Array, length: float, count: int) -> Array:
         """Return the parts' twists in rigid motions of the body, (6 parts, 6 count). Collective.
 
@@ -500,13 +495,14 @@ class RigidParts(Term):
         count : int
             The number of components. Six columns for each hold unit t, then unit omega.
         """
-        local = np.full(self.number, -1)
+        number = len(self._parts)
+        local = np.full(number, -1)
         local[self.labels] = owners[self.nodes]
-        found = np.zeros((self.number, UNKNOWNS, count, UNKNOWNS))
+        found = np.zeros((number, UNKNOWNS, count, UNKNOWNS))
         for i, owner in enumerate(np.max(self._comm.allgather(local), axis=0)):
             found[i, :3, owner, :3], found[i, 3:, owner, 3:] = length * np.eye(3), np.eye(3)
             found[i, :3, owner, 3:] = -skew(self.tree.points[i] - origin)
-        return found.reshape(UNKNOWNS * self.number, -1)
+        return found.reshape(UNKNOWNS * number, -1)
 
     def inadmissible(self, twists: Array) -> Array:
         """Return the part of twists (6 parts, n) at rest that conditions and joints do not admit.
