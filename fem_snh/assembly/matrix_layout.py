@@ -73,10 +73,6 @@ class BlockSparsity:
         sizes = self._column_sizes[self.indices]
         return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
 
-    def block_rows(self) -> Array:
-        """Return the block row of each block, (blocks,) int32."""
-        return self.pattern.rows()
-
     def positions(self, array: int) -> Array:
         """Return where each block is stored in the array of this number, encoded as above."""
         before = self._before()
@@ -264,7 +260,7 @@ class MatrixLayout:
     def _send_to_owners(self) -> list[Array]:
         """Send the block pairs of ``sent`` to the owners; return the pairs (2, n) of each rank."""
         comm, dof_map = self._dof_map.comm, self._dof_map
-        rows = self.ghosts[self.sent.block_rows()]
+        rows = self.ghosts[self.sent.pattern.rows()]
         owner = dof_map.owner_ranks(rows)
         pairs = np.stack([rows, self._numbers[self.sent.indices]])
         return comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
@@ -284,6 +280,8 @@ class MixedDofMap:
         Local blocks of each cell, one space after the other.
     block_sizes, local_to_global, is_owned : (local blocks,)
         Unknowns, global block number and ownership of each local block.
+    first_blocks : (ranks + 1,)
+        First global block of each rank, and the number of blocks.
     owned_range : tuple of int
         First global block of this rank, and one past its last.
     num_owned_dofs : int
@@ -306,12 +304,12 @@ class MixedDofMap:
         self._space_block_size = np.array([_dolfinx.num_components(V) for V in spaces])
         before = np.vstack([0 * counts[:1], np.cumsum(counts, axis=0)])  # (ranks + 1, spaces)
         self._nodes_before = before[:, 0]
-        self._first_block = before.sum(axis=1)
-        self._first = self._first_block[:-1, None] + np.cumsum(counts, axis=1) - counts
+        self.first_blocks = before.sum(axis=1)
+        self._first = self.first_blocks[:-1, None] + np.cumsum(counts, axis=1) - counts
         dof_counts = counts * self._space_block_size
         first_dof = (before * self._space_block_size).sum(axis=1)
         self._first_dof = first_dof[:-1, None] + np.cumsum(dof_counts, axis=1) - dof_counts
-        self.owned_range = tuple(int(b) for b in self._first_block[comm.rank : comm.rank + 2])
+        self.owned_range = tuple(int(b) for b in self.first_blocks[comm.rank : comm.rank + 2])
         self.num_owned_dofs = int(np.diff(first_dof)[comm.rank])
 
         global_blocks = []
@@ -333,7 +331,7 @@ class MixedDofMap:
 
     def owner_ranks(self, blocks: Array) -> Array:
         """Return the rank that owns each of these global blocks."""
-        return np.searchsorted(self._first_block, blocks, side="right") - 1
+        return np.searchsorted(self.first_blocks, blocks, side="right") - 1
 
     def global_dofs(self, blocks: Array) -> tuple[Array, Array]:
         """Return (first global dof, block size) of each of these global blocks."""
@@ -348,11 +346,6 @@ class MixedDofMap:
         space = (dofs[:, None] >= self._first_dof[rank]).sum(axis=1) - 1
         offset = (dofs - self._first_dof[rank, space]) // self._space_block_size[space]
         return np.asarray(self._first[rank, space] + offset)
-
-    @property
-    def first_blocks(self) -> Array:
-        """The first global block of each rank, and the number of blocks, (ranks + 1,)."""
-        return self._first_block
 
     @property
     def components(self) -> int:
