@@ -362,6 +362,7 @@ class Stepper:
         if converged and self._jumps:
             self.jump = self._jumps.find(load, before, outcome.newton)
             self._last_jump = self.jump or self._last_jump
+        tolerance = context.scaled_tolerance if outcome.tolerance is None else outcome.tolerance
         optional = {  # of a linearised step; of a rescued one, proximal over largest force
             "linear_residual": outcome.linear_residual,
             "stabilisation": outcome.stabilisation if converged else None,
@@ -375,7 +376,7 @@ class Stepper:
             "linear": outcome.linear,
             "lbfgs": outcome.lbfgs,
             "residual": outcome.residual,
-            "tolerance": self._tolerance(outcome),
+            "tolerance": float(tolerance),
             **problem.history.settling(),
             **{key: value for key, value in optional.items() if value is not None},
             **self._energies(load, to),
@@ -424,12 +425,6 @@ class Stepper:
             return {}
         stable = "stable" if negative == 0 else "unstable equilibrium"
         return {"stability": stable, "negative_eigenvalues": negative}
-
-    def _tolerance(self, outcome: StepOutcome) -> float:
-        """Return the 2-norm of the residual [N] up to which the step has converged."""
-        if outcome.tolerance is not None:
-            return outcome.tolerance
-        return float(self.solver.snes.getPythonContext().scaled_tolerance)
 
     def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
         """Return the kinds of notes on the last step; ``recorded``: of `TermHistory.record`."""
