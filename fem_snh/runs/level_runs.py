@@ -14,6 +14,7 @@ level.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from math import ceil
 from time import perf_counter
@@ -204,11 +205,8 @@ def run_levels(
     stored = read_levels(folder, scene) if resume and folder else None
     if resume and stored is None:
         printed.line("no level was finished: the first one starts again")
-    runs = _LevelRuns(comm, solve, printed, scene, folder, stored)
-    try:
+    with closing(_LevelRuns(comm, solve, printed, scene, folder, stored)) as runs:
         return runs.run()
-    finally:
-        runs.close()
 
 
 class _LevelRuns:
