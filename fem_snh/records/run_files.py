@@ -11,7 +11,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 from fem_snh.errors import BadInput
@@ -68,10 +68,9 @@ def remove_run(folder: Path) -> None:
 
     Raises BadInput if a process still writes into the folder.
     """
-    lock = FolderLock(folder / LOCK)
-    for name in run_files(folder):
-        remove(folder / name)
-    lock.release()
+    with closing(FolderLock(folder / LOCK)):
+        for name in run_files(folder):
+            remove(folder / name)
     with suppress(OSError):
         folder.rmdir()
 
@@ -143,7 +142,7 @@ class FolderLock:
                     return
             self.file.close()
 
-    def release(self) -> None:
+    def close(self) -> None:
         """Release the lock and remove its file; nothing if it was released before."""
         if not self.file.closed:
             remove(self.path)
@@ -179,7 +178,7 @@ def lock_run(
             _check_files(folder, resume)
         check_inputs(folder, inputs)
     except BadInput:
-        lock.release()
+        lock.close()
         raise
     remove_leftovers(folder, is_run_file)
     return lock

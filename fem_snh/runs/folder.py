@@ -221,7 +221,7 @@ class Folder:
     def close(self) -> None:
         """Release the lock. Not collective."""
         if self._lock:
-            self._lock.release()
+            self._lock.close()
 
     def clear(self) -> None:
         """Remove the files of an earlier run. Collective."""

@@ -15,6 +15,7 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -172,18 +173,12 @@ def sweep(
             f"out = {out}: {len(waiting)} points are in the queue of Slurm: expected "
             "--scheduler slurm, or that they are cancelled"
         )
-    lock = _open(folder, definition, files, overwrite, report)
-    try:
+    limits = ranks, timeout, memory
+    with closing(_open(folder, definition, files, overwrite, report)):
         rows = _Rows(folder, points, ranks, report)
         rows.read(retry)
         tasks = [
-            Task(
-                name,
-                tuple(run_arguments(scene, folder / name, point.values, options)),
-                ranks,
-                timeout,
-                memory,
-            )
+            Task(name, tuple(run_arguments(scene, folder / name, point.values, options)), *limits)
             for name, point in points.items()
             if name not in rows.rows and name not in waiting
         ]
@@ -203,8 +198,6 @@ def sweep(
             report(_draw(folder))
             if render is not None:
                 report(_draw_bodies(folder, list(points), render))
-    finally:
-        lock.release()
     return pd.read_csv(folder / _TABLE)
 
 
@@ -261,7 +254,7 @@ def _open(
             )
         replace_file(file, text)
     except BaseException:
-        lock.release()
+        lock.close()
         raise
     return lock
 

@@ -63,7 +63,7 @@ def killed_after(replacements: int, monkeypatch: pytest.MonkeyPatch) -> Iterator
         def counted(source: Any, target: Any) -> None:
             if next(count) >= replacements:
                 patch.setattr(files, "remove", lambda path: None)
-                patch.setattr(run_files.FolderLock, "release", lambda self: self.file.close())
+                patch.setattr(run_files.FolderLock, "close", lambda self: self.file.close())
                 raise Killed
             replace(source, target)
 
@@ -184,6 +184,6 @@ def test_a_folder_in_use_is_refused_on_every_rank(comm: MPI.Intracomm, folder: P
     with pytest.raises(BadInput, match="another process writes into this folder"):
         solve("twist", cells=1, steps=1, out=folder)
     if lock:
-        lock.release()
+        lock.close()
     comm.barrier()
     assert solve("twist", cells=1, steps=1, angle=0.1, out=folder).converged

@@ -178,6 +178,6 @@ def test_a_second_study_of_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     lock = run_files.FolderLock(tmp_path / ".study")
     with pytest.raises(BadInput, match="another process writes into this folder"):
         sweep("twist", tmp_path, TWIST)
-    lock.release()
+    lock.close()
     table = sweep("twist", tmp_path, TWIST, report=lambda line: None)
     assert table["converged"].all() and not (tmp_path / ".study").exists()
