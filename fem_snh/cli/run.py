@@ -78,11 +78,10 @@ def run(argv: list[str]) -> int:
             "FILE.py:NAME"
         )
     options = {key: vars(args)[key] for key in SCENE_OPTIONS}
-    options |= {"error": args.error or None, "accuracy.within": args.accuracy}
     names = {"accuracy.within": "accuracy"}
-    for name in ("max_time", "max_memory", "max_dofs"):
-        options[f"accuracy.{name}"] = vars(args)[name]
-        names[f"accuracy.{name}"] = name
+    names |= {f"accuracy.{name}": name for name in ("max_time", "max_memory", "max_dofs")}
+    options["error"] = args.error or None
+    options |= {key: vars(args)[name] for key, name in names.items()}
     overrides = with_settings(options, values_of(args.set), names)
 
     from mpi4py import MPI
