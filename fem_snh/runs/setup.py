@@ -192,12 +192,8 @@ def define_scene(
         create = partial(Dynamics, **built.time, tolerance=scene.time.tolerance)
         motion = {"motion": create, "integrator": scene.time.integrator}
     defined = define(**built.statement, **motion)
-    return replace(
-        defined,
-        u=None,
-        reactions=scene.reactions,
-        volumes=scene.volumes,
-    ), built.statement["u"]
+    defined = replace(defined, u=None, reactions=scene.reactions, volumes=scene.volumes)
+    return defined, built.statement["u"]
 
 
 def _at_ratio(definition: Definition, scene: scenes.Scene, nu: float) -> Definition:
