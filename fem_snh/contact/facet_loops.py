@@ -216,20 +216,17 @@ class FacetLoops:
         )  # fmt: skip
         return acting[:count], K[:count], filtered[0]
 
-    def friction(self, which: Array, at: FrictionAt, u: Array) -> tuple[Array, Array]:
-        """Return slips [m] and stresses [Pa] of friction, (m, points, 3) each."""
+    def friction(self, which: Array, at: FrictionAt, u: Array) -> tuple[Array, Array, float]:
+        """Return slips [m] and stresses [Pa] of friction, (m, points, 3) each, and its energy [J].
+
+        ``u`` are displacements since the start of the step.
+        """
         m, rows = self._chosen(which)
         slip, stress = np.empty((2, m, self._points, 3))
-        self._lib.friction_stresses(
-            self._facets,
-            m,
-            rows,
-            self._struct("Friction", *at),
-            cdata(u),
-            cdata(slip),
-            cdata(stress),
-        )
-        return slip, stress
+        columns = self._struct("Friction", *at)
+        arrays = map(cdata, (u, slip, stress))
+        energy = self._lib.friction_stresses(self._facets, m, rows, columns, *arrays)
+        return slip, stress, float(energy)
 
     def friction_matrices(self, which: Array, at: FrictionAt, slip: Array) -> Array:
         """Return the Hessians of friction of the facets' cells, (m, dofs, dofs) [N/m]."""

@@ -460,7 +460,7 @@ class Friction:
 
     def keep(self, u: Array) -> None:
         """Store the elastic part of the slip, at the end of a step with displacements ``u``."""
-        _, stress = self._stresses(u)
+        stress = self._evaluate(u)[1]
         self.slip[:] = 0.0
         self.slip[self._which] = stress / self._stiffness[self._which, None, None]
         self._start, self._loads = u.copy(), (self._loads[1], self._loads[1])
@@ -468,14 +468,11 @@ class Friction:
 
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""
-        slip, stress = self._stresses(u)
-        k = self._stiffness[self._which, None]
-        energies = (stress * (slip - 0.5 * stress / k[..., None])).sum(axis=2)
-        return float((self._weights * energies).sum())
+        return self._evaluate(u)[2]
 
     def weighted_forces(self, u: Array) -> tuple[Array, Array]:
         """Return facets (m,), and frictional forces on the body (m, points, 3) [N]."""
-        return self._which, -self._weights[..., None] * self._stresses(u)[1]
+        return self._which, -self._weights[..., None] * self._evaluate(u)[1]
 
     def dissipated(self, u: Array, end_weight: float) -> float:
         r"""Return the energy [J] that sliding has dissipated in a step; call it before `keep`.
@@ -486,7 +483,7 @@ class Friction:
         weight w, ``end_weight`` (1 if :math:`t_1` is the step's mean), and the plastic part
         :math:`s - t_1 / k_t` of the slip. The sum is over this rank's points.
         """
-        k, (slip, stress) = self._stiffness[self._which, None, None], self._stresses(u)
+        k, (slip, stress, _) = self._stiffness[self._which, None, None], self._evaluate(u)
         mean = end_weight * stress + (1 - end_weight) * k * self.slip[self._which]
         plastic = slip - stress / k
         return float((self._weights[..., None] * mean * plastic).sum())
@@ -494,13 +491,13 @@ class Friction:
     def matrices(self, u: Array) -> tuple[Array, Array]:
         """Return cells (m,) and the Hessians (m, n, n) [N/m] of their n displacement dofs."""
         matrices = self._surface.loops.friction_matrices(
-            self._which, self._at, self._stresses(u)[0]
+            self._which, self._at, self._evaluate(u)[0]
         )
         return self._surface.cells[self._which], matrices
 
     def sliding(self, u: Array) -> int:
         """Return how many of this rank's points slide."""
-        length = np.linalg.norm(self._stresses(u)[0], axis=2)
+        length = np.linalg.norm(self._evaluate(u)[0], axis=2)
         limit = self._at.limit
         stress = self._stiffness[self._which, None] * length
         return int(((limit > 0) & (stress > YIELD * limit)).sum())
@@ -508,19 +505,19 @@ class Friction:
     def _select(self) -> None:
         """Select the facets with a lagged pressure; set their limits of stress and offsets of s."""
         surface = self._surface
-        self._which = which = np.flatnonzero(self.pressure.any(axis=1))
+        self._which = which = np.flatnonzero(self.pressure.any(axis=1)).astype(np.int32)
         self._weights = surface.weights[which]
         x = surface.positions(self._start, which).reshape(-1, 3)
         moved = self._obstacle.displacement(x, *self._loads)
         limit, slip = self._mu * self.pressure[which], self.slip[which]
         offset = slip - moved.reshape(slip.shape)
         self._at = FrictionAt(self._stiffness, self.normal, limit, offset)
-        self._evaluated: tuple[Array, tuple[Array, Array]] | None = None
+        self._evaluated: tuple[Array, tuple[Array, Array, float]] | None = None
 
-    def _stresses(self, u: Array) -> tuple[Array, Array]:
-        """Return the tangential displacement s [m] and the derivative of the energy by s [Pa].
+    def _evaluate(self, u: Array) -> tuple[Array, Array, float]:
+        """Return the slip s [m], the derivative of the energy by s [Pa], and the energy [J].
 
-        Both are (m, points, 3); the last result is cached.
+        Both arrays are (m, points, 3); the last result is cached.
         """
         if self._evaluated is None or not same(self._evaluated[0], u):
             moved = u - self._start

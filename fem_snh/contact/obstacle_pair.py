@@ -50,6 +50,8 @@ class NearFacets:
     within a margin, and stays valid while no node moves by more than the margin relative to the
     obstacle. Most evaluations only compare positions of nodes.
 
+    Facets in contact at the start of a step are included by `include`, wherever they are.
+
     Parameters
     ----------
     surface : SurfaceQuadrature
@@ -73,7 +75,7 @@ class NearFacets:
         facets: Array | None = None,
     ) -> None:
         chosen = slice(None) if facets is None else np.isin(surface.facets, facets)
-        self._indices = np.arange(len(surface))[chosen]
+        self._indices = np.arange(len(surface), dtype=np.int32)[chosen]
         corners = surface.nodes[chosen]
         self._nodes, nodes = np.unique(corners, return_inverse=True)
         self._corners = nodes.reshape(corners.shape)
@@ -83,11 +85,15 @@ class NearFacets:
         radii = self._balls(self._X)[1]
         self._margin = _MARGIN * float(radii.mean()) if len(radii) else 0.0
         self._searched: Array | None = None
-        self._found: Array = np.empty(0, int)
+        self._close = self._included = self._found = self._indices[:0]
         self._valid = 0.0
 
+    def include(self, which: Array) -> None:
+        """Include facets ``which``, sorted indices in ``surface``, in what `at` returns."""
+        self._included, self._found = which, np.union1d(self._close, which)
+
     def at(self, u: Array) -> Array:
-        """Return the sorted indices of close facets in ``surface``, (m,).
+        """Return the sorted indices of close facets in ``surface``, (m,): often the same array.
 
         Parameters
         ----------
@@ -102,8 +108,9 @@ class NearFacets:
         x = self._X + u[self._nodes]
         self._searched, (centers, radii) = pose.invert(x), self._balls(x)
         gaps = self._distance(centers) - radii
-        self._found = self._indices[gaps <= self._margin]
+        self._close = self._indices[gaps <= self._margin]
         self._valid = max(self._margin, gaps.min(initial=np.inf))
+        self.include(self._included)
         return self._found
 
     def _balls(self, x: Array) -> tuple[Array, Array]:
@@ -144,7 +151,7 @@ class StepStart:
     def __init__(self, surface: SurfaceQuadrature, obstacle: MovingShape) -> None:
         self._surface, self._obstacle = surface, obstacle
         self.turn: Array = np.zeros(surface.X.shape)
-        self.begin(np.zeros((surface.num_nodes, 3)), 0.0, np.empty(0, int))
+        self.begin(np.zeros((surface.num_nodes, 3)), 0.0, np.empty(0, np.int32))
 
     def begin(self, u: Array, load: float, which: Array) -> None:
         """Set the step's start: displacements (copied), load, facets in contact; turn is zero."""
@@ -194,7 +201,7 @@ class StepStart:
 
     def _at_start(self, near: Array) -> Evaluated:
         """Return ``near``, and its points' positions, gaps and normals at the step's start."""
-        if self._evaluated is None or not np.array_equal(self._evaluated[0], near):
+        if self._evaluated is None or self._evaluated[0] is not near:
             x = self._surface.positions(self.u, near)
             gap, normal, _ = self._obstacle.evaluate(x.reshape(-1, 3), self.load)
             self._evaluated = near, x, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
@@ -264,8 +271,8 @@ class ObstaclePair(ContactPair):
         #: What `_weighted_forces` returned at the start of the step.
         self._before: list[tuple[Array, Array]] = []
         self._start = StepStart(surface, obstacle)
-        #: The last call of `_evaluate`: displacement, its other dependencies, result.
-        self._evaluated: tuple[Array, Any, Evaluated] | None = None
+        #: The last call of `_evaluate`: displacement, load of a moving obstacle, result.
+        self._evaluated: tuple[Array, float, Evaluated] | None = None
         #: The last result of `_respond` for it, and what this depends on.
         self._responded: tuple[tuple[Any, ...], ContactPoints] | None = None
 
@@ -292,10 +299,11 @@ class ObstaclePair(ContactPair):
         touches = at.pressure.any(axis=1)
         if self.linearised:
             touching = at.which[touches], at.pressure[touches] > 0
-            self._linear, self._evaluated = (u.copy(), *touching), None
+            self._linear, self._responded = (u.copy(), *touching), None
         if self.friction:
             self.friction.begin_step(u, self.load, at)
         self._start.begin(u, self.load, at.which[touches])
+        self._near.include(self._start.which)
         self._before = self._weighted_forces(u, at)
 
     def end_step(self, u: Array) -> None:
@@ -375,8 +383,7 @@ class ObstaclePair(ContactPair):
             x = self.surface.grid_positions(intervals, u, near)
             gaps = self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])
             found.append(DeepestPoint.among(gaps, sizes, x))
-            doubtful = may_be_deep(gaps, x, sizes, intervals)
-            if not (search and doubtful.any()):
+            if not search or not (doubtful := may_be_deep(gaps, x, sizes, intervals)).any():
                 break
             near, sizes = near[doubtful], sizes[doubtful]
         return DeepestPoint.deepest(found)
@@ -525,22 +532,17 @@ class ObstaclePair(ContactPair):
     def _evaluate(self, u: Array) -> Evaluated:
         """Return close facets (m,), and gap, normal and curvature as in `ContactPoints`.
 
-        Facets in contact at the step's start are included where the step needs them. The last
-        result is cached.
+        The last result is cached.
         """
-        depends = self.load if self.obstacle.motion else 0.0, self.mean_weight is None
-        if self._evaluated is not None and self._evaluated[1] == depends:
+        load = self.load if self.obstacle.motion else 0.0
+        if self._evaluated is not None and self._evaluated[1] == load:
             if same(self._evaluated[0], u):
                 return self._evaluated[2]
         near = self._near.at(u)
-        if self._linear:
-            near = np.union1d(near, self._linear[1])
-        if self.mean_weight is not None:
-            near = np.union1d(near, self._start.which)
         x = self.surface.positions(u, near)
         gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
         found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
-        self._evaluated = u.copy(), depends, (*found, curvature.reshape(*x.shape, 3))
+        self._evaluated = u.copy(), load, (*found, curvature.reshape(*x.shape, 3))
         self._responded = None
         return self._evaluated[2]
 

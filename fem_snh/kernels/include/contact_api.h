@@ -52,9 +52,10 @@ typedef struct {
 /* Forces on the body f_q = w_q p n [N], [m][points][3]. */
 void contact_forces(const Facets *f, int m, const int *which, const NormalContact *c, double *force);
 
-/* Slips s and stresses t of friction on the obstacle, [m][points][3], from the step's displacement u. */
-void friction_stresses(const Facets *f, int m, const int *which, const Friction *c, const double *u, double *slip,
-                       double *stress);
+/* Slips s and stresses t of friction on the obstacle, [m][points][3], from the step's displacement u. Returns the
+ * energy. */
+double friction_stresses(const Facets *f, int m, const int *which, const Friction *c, const double *u, double *slip,
+                         double *stress);
 
 /* The energy's Hessians at points, w (k n n^T - p curvature), with the second term filtered, times `factor`, as
  * matrices of the facets' cells, K [m][n][n] with n = components * cell_nodes, for facets that are in contact: their

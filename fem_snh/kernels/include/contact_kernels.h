@@ -90,8 +90,9 @@ void contact_forces(const Facets *f, int m, const int *which, const NormalContac
         force[3 * at + k] = f->weight[f->points * (long)facet(which, i) + q] * c->pressure[at] * c->normal[3 * at + k];
 }
 
-void friction_stresses(const Facets *f, int m, const int *which, const Friction *c, const double *u, double *slip,
-                       double *stress) {
+double friction_stresses(const Facets *f, int m, const int *which, const Friction *c, const double *u, double *slip,
+                         double *stress) {
+  double energy = 0;
   facet_vectors(f, m, which, u, 0, slip);
   for (int i = 0, at = 0; i < m; ++i) {
     const double k = c->stiffness[facet(which, i)];
@@ -103,8 +104,10 @@ void friction_stresses(const Facets *f, int m, const int *which, const Friction 
       for (int j = 0; j < 3; ++j) square += s[j] * s[j];
       const double length = sqrt(square), factor = k * length <= c->limit[at] ? k : c->limit[at] / length;
       for (int j = 0; j < 3; ++j) stress[3 * at + j] = factor * s[j];
+      energy += f->weight[f->points * (long)facet(which, i) + q] * (factor - factor * factor / (2 * k)) * square;
     }
   }
+  return energy;
 }
 
 /* Add sum_q N_a M_q N_b, M [points][9], to the matrix K of the cell of a facet. */
