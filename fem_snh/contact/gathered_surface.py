@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity, kron
+from scipy.sparse import csr_matrix, identity, kron
 from scipy.spatial import Delaunay
 
 from fem_snh import _dolfinx
@@ -52,12 +52,16 @@ class GatheredNodes:
         first = int(numbers[0]) if owned else 0
         self.is_own = (self.nodes >= first) & (self.nodes < first + owned)
         self._own = self.nodes[self.is_own] - first
+        self._counts = np.array(self.comm.allgather(len(self._own)))
         self.X = self.gather(V.tabulate_dof_coordinates()[:owned])
 
     def gather(self, values: Array) -> Array:
         """Return the values at ``nodes``, (m, c), of ``values`` (local nodes, c). Collective."""
         # The nodes are sorted and each rank's own ones contiguous: the ranks follow each other.
-        return np.concatenate(self.comm.allgather(np.array(values[self._own])))
+        own = np.ascontiguousarray(values[self._own])
+        found = np.empty((len(self.nodes), own.shape[1]), own.dtype)
+        self.comm.Allgatherv(own, [found, self._counts * own.shape[1]])
+        return found
 
     def add_own(self, values: Array, out: Array) -> None:
         """Add values at ``nodes`` (m, 3) to ``out`` (local nodes, c) where this rank owns them."""
@@ -496,7 +500,9 @@ class SurfaceMatrix:
         if len(self._own) < len(self._nodes):
             c = self._components
             own = derivatives[:, (c * self._own[:, None] + np.arange(c)).ravel()]
-        return self._blocks(own.T @ (diags(factors) @ derivatives))
+        scaled = derivatives.copy()
+        scaled.data *= np.repeat(factors, np.diff(scaled.indptr))
+        return self._blocks(own.T @ scaled)
 
     def _blocks(self, rows: Any) -> Blocks:
         """Return the blocks of this rank's rows, a sparse matrix (c own nodes, c nodes)."""
