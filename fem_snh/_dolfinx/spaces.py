@@ -42,6 +42,32 @@ def function_space(
         return fem.FunctionSpace(domain, (family, degree))
 
 
+def renumbered(V: FunctionSpace, numbers: Array) -> FunctionSpace:
+    """Return V with other numbers of its nodes; each rank owns the same ones. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The space.
+    numbers : (local nodes,) int64
+        The new global number of each node.
+    """
+    domain, dofmap, old = V.mesh, V.dofmap, V._cpp_object
+    first, owned = dofmap.index_map.local_range[0], num_nodes(V)[0]
+    owners = dofmap.index_map.owners
+    index_map = dolfinx.cpp.common.IndexMap(domain.comm, owned, numbers[owned:], owners)
+    local = np.concatenate([numbers[:owned] - first, np.arange(owned, len(numbers))])
+    cells = local.astype(np.int32)[_rows(dofmap.list, dofmap.dof_layout.num_dofs)]
+    cells = dolfinx.cpp.graph.AdjacencyList_int32(cells)
+    sizes = dofmap.index_map_bs, dofmap.bs
+    new = dolfinx.cpp.fem.DofMap(dofmap.dof_layout, index_map, sizes[0], cells, sizes[1])
+    try:
+        space = type(old)(old.mesh, old.element, new)
+    except TypeError:  # 0.9
+        space = type(old)(old.mesh, old.element, new, old.value_shape)
+    return FunctionSpace(domain, V.ufl_element(), space)
+
+
 def function(V: FunctionSpace, name: str) -> fem.Function:
     """Return a zero function on V, with this name in output files."""
     u = fem.Function(V)
