@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
+    from fem_snh.assembly.unknowns import displacement_space
     from fem_snh.contact.contact_tables import Contact, SelfContact
     from fem_snh.contact.obstacle import Obstacle
     from fem_snh.dynamic_problem import DynamicProblem
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity", "Hold", "Move",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
-    "Symmetry", "Term", "Traction", "estimate_error", "fit", "fit_scene",
+    "Symmetry", "Term", "Traction", "displacement_space", "estimate_error", "fit", "fit_scene",
     "interpolate_run", "material", "materials", "modes", "reaction", "register_feature", "run",
 ]  # fmt: skip
 
@@ -59,6 +60,7 @@ _MODULES = {
     "interpolate_run": "runs.start",
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
+    "displacement_space": "assembly.unknowns",
     "estimate_error": "program_results",
     "modes": "program_results",
     "reaction": "program_results",

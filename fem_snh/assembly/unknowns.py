@@ -39,15 +39,27 @@ def num_unknowns(domain: _dolfinx.Mesh, element: Element) -> int:
     return element.kinematics.components * displacements + element.has_pressure * pressures
 
 
-def displacement_space(domain: _dolfinx.Mesh, degree: int, components: int) -> FunctionSpace:
-    """Return a Lagrange space whose nodes are numbered along the body. Collective.
+def displacement_space(
+    domain: _dolfinx.Mesh, degree: int = 1, components: int | None = None
+) -> FunctionSpace:
+    """Return a space of vectors whose nodes are numbered along the body. Collective.
 
     Each rank's own nodes are in layers across the longest extent, those of a layer in lines: in
     this order the sweeps of the linear solver take fewer iterations than in dolfinx's
-    (docs/theory/linear_solver.md).
+    (docs/theory/linear_solver.md). Scenes have this space; programs may have any.
+
+    Parameters
+    ----------
+    domain : dolfinx Mesh
+        The mesh.
+    degree : int
+        Degree of the Lagrange element.
+    components : int, optional
+        Components of the vectors. Default: the dimension of the mesh.
     """
-    V = _dolfinx.function_space(domain, degree, (components,))
-    owned, dim = _dolfinx.num_nodes(V)[0], domain.geometry.dim
+    dim = domain.geometry.dim
+    V = _dolfinx.function_space(domain, degree, (components or dim,))
+    owned = _dolfinx.num_nodes(V)[0]
     X = V.tabulate_dof_coordinates()[:owned, :dim]
     axes = np.ptp(X, axis=0).argsort() if owned else slice(None)  # lexsort's last key comes first
     layer = _LAYER * (cell_volumes(domain).sum() / max(owned, 1)) ** (1 / dim)
