@@ -58,13 +58,7 @@ def largest_move(nodes: Array, X: Array, u: Array, pose: Pose, before: Array) ->
     before : (n, 3)
         What ``pose.invert`` returned of their positions before.
     """
-    arrays = (
-        cdata(X),
-        cdata(u),
-        cdata(pose.rotation),
-        cdata(pose.translation),
-        cdata(before),
-    )
+    arrays = map(cdata, (X, u, pose.rotation, pose.translation, before))
     square = _library()[1].largest_move(len(nodes), cdata(nodes, np.int32), *arrays)
     return float(square) ** 0.5
 
@@ -180,16 +174,8 @@ class FacetLoops:
     def add_vectors(self, values: Array, which: Which, out: Array) -> None:
         """Add the sums of shape functions times vectors (m, points, size) to ``out`` (nodes, c)."""
         m, rows = self._chosen(which)
-        size, components = values.shape[2], out.shape[1]
-        self._lib.add_facet_vectors(
-            self._facets,
-            m,
-            rows,
-            cdata(values),
-            size,
-            components,
-            build.pointer(_library()[0], out),
-        )
+        sizes, target = (values.shape[2], out.shape[1]), build.pointer(_library()[0], out)
+        self._lib.add_facet_vectors(self._facets, m, rows, cdata(values), *sizes, target)
 
     def contact_forces(self, which: Which, pressure: Array, normal: Array) -> Array:
         """Return the forces of pressures (m, points) and normals, (m, points, 3) [N]."""
