@@ -13,16 +13,7 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
-from fem_snh.scenes import (
-    Geometry,
-    Hold,
-    MaterialChoice,
-    Probe,
-    Reaction,
-    Scene,
-    Traction,
-    load,
-)
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction, load
 
 #: The values, with the command that makes them.
 DATA = Path(__file__).with_name("exact_goals.json")

@@ -19,13 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, NamedTuple
 
 from fem_snh.errors import BadInput
-from fem_snh.processes import (
-    RANK_VARIABLES,
-    RUN_AS_ROOT,
-    import_path,
-    is_rank,
-    without_launcher,
-)
+from fem_snh.processes import RANK_VARIABLES, RUN_AS_ROOT, import_path, is_rank, without_launcher
 
 if TYPE_CHECKING:
     from fem_snh.cli.options import Parser

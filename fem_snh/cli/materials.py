@@ -11,14 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from fem_snh.cli.options import (
-    REPEATED,
-    Parser,
-    material_values,
-    output,
-    value,
-    with_settings,
-)
+from fem_snh.cli.options import REPEATED, Parser, material_values, output, value, with_settings
 from fem_snh.errors import BadInput
 from fem_snh.materials import defaults, describe, make_energy, names
 

@@ -24,12 +24,7 @@ from fem_snh.assembly.connected_parts import connected_parts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.closest_points import Normals, PseudoNormals, intersect
-from fem_snh.contact.gathered_surface import (
-    Blocks,
-    EmbeddedSurface,
-    SurfaceMatrix,
-    triangle_areas,
-)
+from fem_snh.contact.gathered_surface import Blocks, EmbeddedSurface, SurfaceMatrix, triangle_areas
 from fem_snh.contact.samples import (
     OUTSIDE,
     SHARP,

@@ -9,12 +9,7 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.arrays import Array
-from fem_snh.assembly.boundary_conditions import (
-    BONES,
-    Condition,
-    Dirichlet,
-    facets_plane,
-)
+from fem_snh.assembly.boundary_conditions import BONES, Condition, Dirichlet, facets_plane
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.regions import boundary_facets, find_group
 from fem_snh.assembly.unknowns import (

@@ -30,10 +30,7 @@ from fem_snh.problem.goals import (
     names_of,
 )
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.reactions import (
-    check_point,
-    counted_weights,
-)
+from fem_snh.problem.reactions import check_point, counted_weights
 from fem_snh.tables.types import surface_name
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.rigid import RESULTS, Rigid

@@ -19,15 +19,7 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.materials import (
-    TUNING,
-    defaults,
-    files,
-    function,
-    label,
-    names_in_literature,
-    pins,
-)
+from fem_snh.materials import TUNING, defaults, files, function, label, names_in_literature, pins
 from fem_snh.materials.numbers import numbers_of, store, stored, stored_key
 from fem_snh.materials.parameters import (
     LARGEST_MODULUS,

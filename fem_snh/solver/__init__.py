@@ -7,13 +7,7 @@ reasons and options work as for PETSc's own types; `options.OPTIONS` lists the a
 from fem_snh.solver.errors import callback_errors, petsc_failures
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.predictor import Predictor, solve_linearised
-from fem_snh.solver.snes import (
-    PREFIX,
-    create,
-    default_globalization,
-    destroy,
-    linear_solver_name,
-)
+from fem_snh.solver.snes import PREFIX, create, default_globalization, destroy, linear_solver_name
 from fem_snh.solver.stability import EquilibriumStability, is_conservative
 from fem_snh.solver.step import (
     Iteration,

@@ -50,15 +50,7 @@ from fem_snh.studies.points import (
     value_text,
 )
 from fem_snh.studies.slurm import Slurm, clear, queued
-from fem_snh.studies.tasks import (
-    LOG,
-    End,
-    Task,
-    program,
-    read_end,
-    remove_point,
-    run_tasks,
-)
+from fem_snh.studies.tasks import LOG, End, Task, program, read_end, remove_point, run_tasks
 
 #: Largest number of points at a time, and of ranks: more than the cores of any single machine.
 MAX_PROCESSES = 4096

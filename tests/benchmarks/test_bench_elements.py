@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks import (
-    two_dimensions,
-    volume_split,
-)
+from benchmarks import two_dimensions, volume_split
 
 pytestmark = pytest.mark.one_debian
 

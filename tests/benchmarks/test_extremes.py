@@ -11,14 +11,7 @@ import pandas as pd
 import pytest
 from paths import ROOT
 
-from benchmarks.extremes import (
-    FAMILIES,
-    crush,
-    loads,
-    rows,
-    scramble,
-    supports,
-)
+from benchmarks.extremes import FAMILIES, crush, loads, rows, scramble, supports
 from benchmarks.extremes.cases import COLUMNS, at_rest, converged, ends_clearly, scene_case
 from benchmarks.extremes.tight import agrees
 

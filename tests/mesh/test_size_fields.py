@@ -13,12 +13,7 @@ from bodies import volumes
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.accuracy.refinement import (
-    Lineage,
-    measured_rates,
-    target_volumes,
-    unmeasured,
-)
+from fem_snh.accuracy.refinement import Lineage, measured_rates, target_volumes, unmeasured
 from fem_snh.mesh import gmsh_input
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import VertexSizes, bisect_times

@@ -9,15 +9,7 @@ import numpy.typing as npt
 
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
 from fem_snh.geometry.shapes.polygon import Polygon
-from fem_snh.geometry.shapes.shape import (
-    Array,
-    Box,
-    Capsule,
-    Cylinder,
-    Plane,
-    Shape,
-    Sphere,
-)
+from fem_snh.geometry.shapes.shape import Array, Box, Capsule, Cylinder, Plane, Shape, Sphere
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
 from fem_snh.geometry.surface_nets import CORNERS, Grid, surface_on
 

@@ -13,12 +13,7 @@ import sympy
 from sympy.codegen.cfunctions import expm1
 
 from fem_snh.errors import BadInput
-from fem_snh.kernels.build import (
-    MATERIAL_FUNCTIONS,
-    POINTWISE,
-    header,
-    svd_eigen_declarations,
-)
+from fem_snh.kernels.build import MATERIAL_FUNCTIONS, POINTWISE, header, svd_eigen_declarations
 from fem_snh.kernels.codegen.c_functions import Functions, Writer
 from fem_snh.kernels.codegen.small_strain import (
     VOLUME_INCREMENT,

@@ -5,16 +5,7 @@ from typing import Annotated
 from pydantic import PositiveFloat
 
 from fem_snh.errors import bad_value
-from fem_snh.scenes import (
-    Geometry,
-    Hold,
-    MaterialChoice,
-    Move,
-    Reaction,
-    Rigid,
-    Rotate,
-    Scene,
-)
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Reaction, Rigid, Rotate, Scene
 from fem_snh.tables.validation import OneOf
 
 Kinematics = Annotated[str, OneOf(("axisymmetric_torsion", "plane_strain", "3D"))]

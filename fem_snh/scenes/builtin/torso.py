@@ -7,13 +7,7 @@ from typing import Any
 import numpy as np
 
 from fem_snh.scenes import Scene
-from fem_snh.scenes._bones import (
-    BoneSegment,
-    JointMotion,
-    capsule,
-    lattice_scene,
-    limb,
-)
+from fem_snh.scenes._bones import BoneSegment, JointMotion, capsule, lattice_scene, limb
 
 #: x points to the body's left, y to its back, z up [m]. The tables hold the left side; the right
 #: one is its mirror image, except for the pose.

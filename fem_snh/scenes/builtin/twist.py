@@ -2,16 +2,7 @@
 
 from math import pi
 
-from fem_snh.scenes import (
-    Geometry,
-    Hold,
-    MaterialChoice,
-    Move,
-    Probe,
-    Reaction,
-    Rotate,
-    Scene,
-)
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Probe, Reaction, Rotate, Scene
 
 
 def twist(cells: int = 15, angle: float = pi) -> Scene:

@@ -17,13 +17,7 @@ from fem_snh.files import write_file
 from fem_snh.studies.fit.data import TestData
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import BestFit
-from fem_snh.studies.fit.responses import (
-    FREE,
-    StableRange,
-    response,
-    stable_at,
-    stable_ranges,
-)
+from fem_snh.studies.fit.responses import FREE, StableRange, response, stable_at, stable_ranges
 
 if TYPE_CHECKING:
     from fem_snh.kernels.material import Material

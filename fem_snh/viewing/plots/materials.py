@@ -17,14 +17,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from fem_snh.viewing.plots import save
-from fem_snh.viewing.plots.style import (
-    colour,
-    draw_points,
-    legend,
-    plain,
-    subplots,
-    thousands,
-)
+from fem_snh.viewing.plots.style import colour, draw_points, legend, plain, subplots, thousands
 from fem_snh.viewing.stored_run import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"

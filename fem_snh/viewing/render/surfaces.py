@@ -17,13 +17,7 @@ from fem_snh.geometry.motions import AffineTable, Motion, PoseTable
 from fem_snh.geometry.shapes import ClosedSurface, from_record
 from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.records.output_fields import CELL_GROUP, SUMMED
-from fem_snh.viewing.stored_run import (
-    VECTORS,
-    WHOLE,
-    ViewOptions,
-    component_index,
-    split_component,
-)
+from fem_snh.viewing.stored_run import VECTORS, WHOLE, ViewOptions, component_index, split_component
 
 #: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000
