@@ -100,14 +100,15 @@ class SymmetricBlockMatrix:
         upper = max(0, len(indices) - self.rows) // 2
         computed = ["order", "stage_start", "upper_start", "aij_diagonal"]  # by `matrix_order`
         own = diagonal.offset is None
+        # np.empty asks for huge pages and takes memory when it is written; np.zeros does not ask.
         arrays: dict[str, Array] = {
             key: np.zeros(self.rows + 4, np.int32) for key in computed + ["place"] * own
         }
         if own:
             arrays["half_offset"] = np.zeros(len(indices), np.int32)
             for name, blocks_of in (("own_diagonal", self.rows), ("upper", upper)):
-                arrays[f"{name}_rest"] = np.zeros(entries * blocks_of + _LANES, np.int32)
-            arrays["own_diagonal"] = np.zeros(entries * self.rows + _LANES, np.float32)
+                arrays[f"{name}_rest"] = np.empty(entries * blocks_of + _LANES, np.int32)
+            arrays["own_diagonal"] = np.empty(entries * self.rows + _LANES, np.float32)
         else:
             arrays["upper_value"] = np.zeros(upper, np.int32)
             arrays |= {"aij_offset": diagonal.row_offset, "aij_stride": diagonal.stride}
@@ -115,11 +116,11 @@ class SymmetricBlockMatrix:
             "upper_column": np.zeros(upper, np.int32),
             "aij_start": indptr.astype(np.int32),
             "aij_column": np.ascontiguousarray(indices, np.int32),
-            "upper": np.zeros(entries * upper + _LANES, np.float32),
-            "diagonal": np.zeros(entries * self.rows + _LANES, np.float32),
-            "diagonal_inverse": np.zeros(entries * self.rows + _LANES, np.float32),
+            "upper": np.empty(entries * upper + _LANES, np.float32),
+            "diagonal": np.empty(entries * self.rows + _LANES, np.float32),
+            "diagonal_inverse": np.empty(entries * self.rows + _LANES, np.float32),
             "link": np.zeros(4 * (self.rows + 1), np.float32),
-            "lanes": np.zeros(8 * self.rows, np.float32),
+            "lanes": np.full(8 * self.rows, 0, np.float32),
         }
         stage = np.full(size * self.rows, INTERIOR, np.float32)
         self._after: dict[int, list[Halo]] = {EARLY: [], LATE: []}
@@ -127,9 +128,9 @@ class SymmetricBlockMatrix:
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
             count = entries * len(off_diagonal.indices) + _LANES
-            arrays["off_diagonal"] = np.zeros(count, np.float32)
+            arrays["off_diagonal"] = np.empty(count, np.float32)
             if own:
-                arrays["off_diagonal_rest"] = np.zeros(count, np.int32)
+                arrays["off_diagonal_rest"] = np.empty(count, np.int32)
             else:
                 arrays["off_diagonal_value"] = off_diagonal.offset.astype(np.int64)
                 arrays["off_diagonal_stride"] = off_diagonal.stride

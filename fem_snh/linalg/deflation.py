@@ -224,7 +224,7 @@ class Deflation:
             "pair_start": start,
             "pair_subdomain": pair_subdomain,
             "pair_block": pair_block.astype(np.int32),
-            "image": np.zeros((len(pair_subdomain), matrix.size, self._columns), np.float32),
+            "image": np.empty((len(pair_subdomain), matrix.size, self._columns), np.float32),
         }
         pointers = {name: matrix.pointer(array) for name, array in self.arrays.items()}
         self.struct = matrix.ffi.new("CoarseSpace *", {"rows": rows, **pointers})
