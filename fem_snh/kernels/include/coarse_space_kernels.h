@@ -117,7 +117,7 @@ void coarse_assemble_half(const SymmetricBlockMatrix *b, const CoarseSpace *c, i
       const float *high = b->upper + ENTRIES * first, *g = c->functions + COLUMNS * (long)i;
       const int *rest = b->upper_rest + ENTRIES * first;
       PairSum s = {.acc = ring, .mask = window - 1, .pair = -1};
-      double block[4 * BLOCK];
+      double row[4 * BLOCK * (n + 1)], *block = row + 4 * BLOCK * n;
       load_diagonal(b, NULL, i, block);
       move_to_pair(&s, c->pair_start[i] + find_pair(c, i, c->subdomain[i]));
       add_image(s.sum, block, BLOCK, 1, 1, g);
@@ -125,15 +125,14 @@ void coarse_assemble_half(const SymmetricBlockMatrix *b, const CoarseSpace *c, i
         const int j = b->upper_column[first + m];
         prefetch_after(high + ENTRIES * m);
         prefetch_after(rest + ENTRIES * m);
-        load_split(high + BLOCK * m, rest + BLOCK * m, length, block);
+        load_split(high + BLOCK * m, rest + BLOCK * m, length, row + 4 * BLOCK * m);
         move_to_pair(&s, c->pair_start[i] + find_pair(c, i, c->subdomain[j]));
-        add_image(s.sum, block, 4, 1, 1, c->functions + COLUMNS * (long)j);
+        add_image(s.sum, row + 4 * BLOCK * m, 4, 1, 1, c->functions + COLUMNS * (long)j);
       }
       move_to_pair(&s, -1);
       for (int m = 0; m < n; m++) { /* the transposes: apart, as the processor has registers for one block of sums */
         const int j = b->upper_column[first + m], to = c->pair_start[j] + find_pair(c, j, c->subdomain[i]);
-        load_split(high + BLOCK * m, rest + BLOCK * m, length, block);
-        add_image(ring + ENTRIES * (to & (window - 1)), block, 1, 4, 1, g);
+        add_image(ring + ENTRIES * (to & (window - 1)), row + 4 * BLOCK * m, 1, 4, 1, g);
       }
     }
     const int done = i - bandwidth; /* no row after i adds to this one */
