@@ -20,7 +20,7 @@ from fem_snh.arrays import Array
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.geometry.rotations import rigid_displacements
-from fem_snh.mesh.mesh import cell_volumes
+from fem_snh.mesh.mesh import point_volumes
 
 #: Weight of the volume errors of cells relative to strains. A larger weight saves Newton iterations
 #: and costs linear iterations (docs/results/elements_cell_pressures.md).
@@ -44,7 +44,7 @@ def displacement_space(
 ) -> FunctionSpace:
     """Return a space of vectors whose nodes are numbered along the body. Collective.
 
-    Each rank's own nodes are in layers across the longest extent, those of a layer in lines: in
+    Each rank's own nodes are in layers across their longest extent, those of a layer in lines: in
     this order the sweeps of the linear solver take fewer iterations than in dolfinx's
     (docs/theory/linear_solver.md). Scenes have this space; programs may have any.
 
@@ -55,14 +55,15 @@ def displacement_space(
     degree : int
         Degree of the Lagrange element.
     components : int, optional
-        Components of the vectors. Default: the dimension of the mesh.
+        Components of the vectors, 2 or 3. Default: the dimension of the mesh.
     """
     dim = domain.geometry.dim
     V = _dolfinx.function_space(domain, degree, (components or dim,))
     owned = _dolfinx.num_nodes(V)[0]
     X = V.tabulate_dof_coordinates()[:owned, :dim]
     axes = np.ptp(X, axis=0).argsort() if owned else slice(None)  # lexsort's last key comes first
-    layer = _LAYER * (cell_volumes(domain).sum() / max(owned, 1)) ** (1 / dim)
+    volume = point_volumes(domain, degree=1).sum() or 1.0
+    layer = _LAYER * (volume / max(owned, 1)) ** (1 / dim)
     numbers = np.empty(owned, np.int64)
     order = np.lexsort(np.round(X[:, axes] / layer).T)
     numbers[order] = _dolfinx.local_to_global(V)[:owned]

@@ -192,9 +192,11 @@ def _imported() -> Any:
     """Import gmsh in half the time.
 
     dolfinx makes all symbols of its 180 libraries global, where the loader would look for each of
-    gmsh's before it looks in gmsh's own 90: with RTLD_DEEPBIND it begins there.
+    gmsh's before it looks in gmsh's own 90: with RTLD_DEEPBIND it begins there. It would not find
+    the allocator of a preloaded library, with which the program's other parts free memory.
     """
-    with_own_symbols = partial(ctypes.CDLL, mode=os.RTLD_LOCAL | os.RTLD_DEEPBIND)
+    own_first = 0 if os.environ.get("LD_PRELOAD") else getattr(os, "RTLD_DEEPBIND", 0)
+    with_own_symbols = partial(ctypes.CDLL, mode=os.RTLD_LOCAL | own_first)
     default, ctypes.CDLL = ctypes.CDLL, with_own_symbols  # type: ignore[misc,assignment]
     try:
         return import_module("gmsh")
