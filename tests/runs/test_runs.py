@@ -23,8 +23,10 @@ RUNS = {
         "element": element,
         "material": material,
         "cells": {"Q1": 6, "P2": 4}[element],
-        # Loose solves depend on the order of the nodes, and that on dolfinx.
+        # Loose solves depend on the order of the nodes, and so does the path of Newton's method in
+        # a step that is far too large: half of the twist with fixed_corotational.
         "petsc": {"snes_forcing_max": 0.0, "ksp_rtol": 1e-8},
+        **({"steps": 4} if scene == "twist" else {}),
     }
     for scene in ("pull", "stretch", "twist")
     for element in ("Q1", "P2")
