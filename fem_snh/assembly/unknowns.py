@@ -46,7 +46,7 @@ def displacement_space(
 
     Each rank's own nodes are in layers across their longest extent, those of a layer in lines: in
     this order the sweeps of the linear solver take fewer iterations than in dolfinx's
-    (docs/theory/linear_solver.md). Scenes have this space; programs may have any.
+    (docs/theory/linear_solver.md).
 
     Parameters
     ----------
@@ -68,6 +68,18 @@ def displacement_space(
     order = np.lexsort(np.round(X[:, axes] / layer).T)
     numbers[order] = _dolfinx.local_to_global(V)[:owned]
     return _dolfinx.renumbered(V, numbers_with_ghosts(V, numbers))
+
+
+def space_for(domain: _dolfinx.Mesh, element: Element, components: int) -> FunctionSpace:
+    """Return the displacement's space of an element. Collective.
+
+    `displacement_space` from degree 2 on; with degree 1 it saves no iterations. With pressures of
+    cells or nodes dolfinx's numbers are kept: in another order MUMPS takes other pivots for null
+    where an unknown pressure has no level, and Newton's method may not converge.
+    """
+    if element.degree == 1 or element.volume != "pointwise":
+        return _dolfinx.function_space(domain, element.degree, (components,))
+    return displacement_space(domain, element.degree, components)
 
 
 class Displacement:

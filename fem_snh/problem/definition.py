@@ -15,7 +15,7 @@ from fem_snh.assembly import elements
 from fem_snh.assembly.elements import CELLS, ELEMENTS, MAX_QUADRATURE_DEGREE, Element, names_for
 from fem_snh.assembly.kinematics import PLANE_CELLS, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Filling, fill_regions, owned_cells
-from fem_snh.assembly.unknowns import create_unknowns, displacement_space
+from fem_snh.assembly.unknowns import create_unknowns, space_for
 from fem_snh.errors import BadInput, bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
@@ -118,7 +118,7 @@ class Definition:
             check_half_plane(mesh.domain, "mesh" if self.u is None else "u.function_space.mesh")
         u = self.u if u is None else u
         if u is None:
-            V = displacement_space(mesh.domain, element.degree, kinematics.components)
+            V = space_for(mesh.domain, element, kinematics.components)
             u = _dolfinx.function(V, "displacement")
         V, bones = u.function_space, []
         if self.bones:
@@ -186,7 +186,7 @@ def lifted_problem(problem: Problem, element: Element, start: Any = None) -> Pro
         On every rank, if the program gave a `fem_snh.Term` object, which belongs to one space.
     """
     definition, components = problem.definition, problem.kinematics.components
-    V = displacement_space(problem.domain, element.degree, components)
+    V = space_for(problem.domain, element, components)
     u = _dolfinx.function(V, "displacement")
     problem.split(problem.x)
     u.interpolate(problem.u if start is None else start)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh import _dolfinx
 from fem_snh.assembly import elements
 from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
-from fem_snh.assembly.unknowns import displacement_space
+from fem_snh.assembly.unknowns import space_for
 from fem_snh.errors import BadInput, on_every
 from fem_snh.kernels.material import Material, material
 from fem_snh.mesh import gmsh_input
@@ -79,8 +79,8 @@ def build(scene: Scene, comm: Any, mesh: Mesh | None = None) -> Built:
             mesh.group(key)
         except BadInput as error:
             raise BadInput(f"{where} = {key!r}: {error}") from None
-    degree = elements.ELEMENTS[scene.element].degree
-    V = displacement_space(mesh.domain, degree, kinematics.components)
+    element = elements.ELEMENTS[scene.element]
+    V = space_for(mesh.domain, element, kinematics.components)
     bones: list[Any] = []
     if scene.bone:
         bones = on_every(comm, read_bones, scene)

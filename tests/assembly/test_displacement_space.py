@@ -85,8 +85,8 @@ def test_it_saves_linear_iterations(
             for module in (build, definition):
                 monkeypatch.setattr(
                     module,
-                    "displacement_space",
-                    lambda domain, degree, c: _dolfinx.function_space(domain, degree, (c,)),
+                    "space_for",
+                    lambda domain, of, c: _dolfinx.function_space(domain, of.degree, (c,)),
                 )
         (step,) = solve("stretch", element=element, **given).steps
         assert step["converged"]

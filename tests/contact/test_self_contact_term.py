@@ -9,6 +9,7 @@ import pytest
 import ufl
 from barrier_problems import needs_ipctk
 from dolfinx import fem
+from dolfinx_programs import vector_space
 from running import solve
 from test_reference_contact import CLIP
 
@@ -26,7 +27,7 @@ CLOSE = 0.17
 def clip(comm: Any, kind: Any, **arguments: Any) -> tuple[Any, Any]:
     """Return a problem of the clip and the function that closes it by a part."""
     body = mesh.generate(comm, "clip", "hexahedron", cells=2, gap=0.3)
-    V = fem_snh.displacement_space(body.domain)
+    V = vector_space(body.domain)
     u, prescribed = fem.Function(V), fem.Function(V)
     nodes = {key: group_nodes(V, body, key) for key in ("bottom", "top")}
     bcs = [_dolfinx.prescribed(prescribed, np.unique(np.concatenate(list(nodes.values()))))]

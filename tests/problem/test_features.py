@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_programs import tagged_measure, unit_cube
+from dolfinx_programs import tagged_measure, unit_cube, vector_space
 
 import fem_snh
 from fem_snh.scenes import Scene
@@ -108,7 +108,7 @@ def test_statics(comm: Any, kind: str) -> None:
     """The same state as the scene's; the names of the terms are those of run.json."""
     result = run(kind)
     domain = result.problem.domain
-    u = fem.Function(fem_snh.displacement_space(domain))
+    u = fem.Function(vector_space(domain))
     problem = fem_snh.NonlinearProblem(
         u, {SNH: ufl.dx}, bcs=bottom(u.function_space), terms=terms(kind, domain),
         densities={SNH: 2.0}, petsc_options=TIGHT,
@@ -139,7 +139,7 @@ def test_values_of_ufl(comm: Any, kind: str) -> None:
     numbers = terms(kind, domain)
     given, constants = given_as_ufl(numbers, domain)
     for some in (numbers, given):
-        u = fem.Function(fem_snh.displacement_space(domain))
+        u = fem.Function(vector_space(domain))
         problem = fem_snh.NonlinearProblem(
             u, {SNH: ufl.dx}, bcs=bottom(u.function_space), terms=some,
             densities={SNH: 2.0}, petsc_options=TIGHT,
@@ -157,7 +157,7 @@ def test_values_of_ufl(comm: Any, kind: str) -> None:
 def test_a_pressure_that_varies(comm: Any) -> None:
     """Its resultant on a block that hardly strains is that of p(x) = 1 + x on the face."""
     domain = unit_cube(comm, 2)
-    u = fem.Function(fem_snh.displacement_space(domain))
+    u = fem.Function(vector_space(domain))
     p = 1e-6 * (1 + ufl.SpatialCoordinate(domain)[0])
     problem = fem_snh.NonlinearProblem(
         u, {SNH: ufl.dx}, bcs=bottom(u.function_space),
@@ -175,7 +175,7 @@ def test_time(comm: Any, kind: str) -> None:
     """Forces without a table are constant; a function is one of the time [s]."""
     result = run(kind, time={"duration": 2.0, "steps": 4, "mass": "lumped"})
     domain = result.problem.domain
-    u = fem.Function(fem_snh.displacement_space(domain))
+    u = fem.Function(vector_space(domain))
     problem = fem_snh.DynamicProblem(
         u, {SNH: ufl.dx}, {SNH: 2.0}, duration=2.0, mass="lumped", bcs=bottom(u.function_space),
         terms=terms(kind, domain), petsc_options=TIGHT,
