@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from running import solve
 
@@ -25,7 +26,8 @@ def test_a_loose_solve_is_corrected_as_a_tight_one(comm):
     loose, tight = (cook(comm, tol, error=True, accuracy=goals) for tol in (LOOSE, DEFAULT))
     alone = cook(comm, LOOSE)
     assert alone.steps[-1]["energy"] == pytest.approx(loose.steps[-1]["energy"], rel=1e-13)
-    assert (alone.problem.x.array == loose.problem.x.array).all()
+    x = alone.problem.x.array  # on several ranks sums of two runs differ by rounding
+    np.testing.assert_allclose(x, loose.problem.x.array, rtol=0, atol=1e-11 * np.abs(x).max())
     for name in GOALS:
         found, exact = loose.goals[name], tight.goals[name]
         assert abs(exact["value"] - found["value"]) > 1e-3 * abs(exact["value"])
