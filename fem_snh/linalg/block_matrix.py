@@ -100,10 +100,11 @@ class SymmetricBlockMatrix:
         upper = max(0, len(indices) - self.rows) // 2
         computed = ["order", "stage_start", "upper_start", "aij_diagonal"]  # by `matrix_order`
         own = diagonal.offset is None
-        # np.empty asks for huge pages and takes memory when it is written; np.zeros does not ask.
         arrays: dict[str, Array] = {
             key: np.zeros(self.rows + 4, np.int32) for key in computed + ["place"] * own
         }
+        # Of values np.empty: it asks for huge pages, which np.zeros does not. `fill`, or
+        # `HalfMatrix.zeroEntries`, writes all of them before they are read.
         if own:
             arrays["half_offset"] = np.zeros(len(indices), np.int32)
             for name, blocks_of in (("own_diagonal", self.rows), ("upper", upper)):
@@ -428,18 +429,21 @@ def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:
         return DisplacementBlocks(own, others, first, (first[owner] + node)[chosen])
 
 
-def _first_rows(block: AIJBlock, rows: int, size: int) -> tuple[Array, Array, Array]:
-    """Return where the first matrix row of each block row begins, its length, and all columns."""
-    start, column = block.csr()
+def _first_rows(start: Array, rows: int, size: int) -> tuple[Array, Array]:
+    """Return where the first matrix row of each block row begins, and its length, (rows,) each.
+
+    ``start`` is where each row of the matrix begins.
+    """
     first = start[: size * rows + 1]
-    return first[:-1:size].astype(np.int64), np.diff(first)[::size], column
+    return first[:-1:size].astype(np.int64), np.diff(first)[::size]
 
 
 def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
     """Return the displacement's blocks in the diagonal block of an AIJ matrix."""
-    begin, stride, column = _first_rows(block, rows, size)
+    start, column = block.csr()
+    begin, stride = _first_rows(start, rows, size)
     count, unknowns = stride // size, size * rows
-    if len(block.csr()[0]) - 1 > unknowns:  # pressures
+    if len(start) - 1 > unknowns:  # pressures
         count = (first_offsets(column, begin, begin + stride, unknowns) - begin) // size
     indptr = np.concatenate([[0], np.cumsum(count)])
     offset = np.repeat((begin - size * indptr[:-1]).astype(np.int32), count)
@@ -455,7 +459,8 @@ def _chosen_blocks(block: AIJBlock, rows: int, size: int, number: Array) -> Bloc
     number : (columns,)
         The node of which a column is the first; -1 for other columns.
     """
-    begin, stride, column = _first_rows(block, rows, size)
+    start, column = block.csr()
+    begin, stride = _first_rows(start, rows, size)
     offset = concatenated_ranges(begin, stride)
     node = number[column[offset]]
     chosen = node >= 0

@@ -197,11 +197,12 @@ def _imported() -> Any:
     """
     own_first = 0 if os.environ.get("LD_PRELOAD") else getattr(os, "RTLD_DEEPBIND", 0)
     with_own_symbols = partial(ctypes.CDLL, mode=os.RTLD_LOCAL | own_first)
-    default, ctypes.CDLL = ctypes.CDLL, with_own_symbols  # type: ignore[misc,assignment]
+    default = ctypes.CDLL
+    ctypes.CDLL = with_own_symbols  # type: ignore[misc,assignment]  # gmsh only calls it
     try:
         return import_module("gmsh")
     finally:
-        ctypes.CDLL = default  # type: ignore[misc]
+        ctypes.CDLL = default  # type: ignore[misc]  # a class, put back
 
 
 def generate(
