@@ -94,10 +94,11 @@ def test_solver_and_coarse_space_are_those_of_a_copy(comm):
     ratio = own.scale / copied.scale
     for name in ("diagonal", "upper", "off_diagonal", "diagonal_inverse"):
         if name in copied.matrix.arrays:
-            expected = copied.matrix.arrays[name] * (1 / ratio if "inverse" in name else ratio)
-            found = own.matrix.arrays[name]
+            # The last four values are beyond the last block: loads of four lanes read them.
+            found, expected = own.matrix.arrays[name], copied.matrix.arrays[name][:-4]
+            expected = expected * (1 / ratio if "inverse" in name else ratio)
             atol = 1e-6 * np.abs(expected).max()
-            np.testing.assert_allclose(found[: len(expected) - 4], expected[:-4], atol=atol)
+            np.testing.assert_allclose(found[: len(expected)], expected, atol=atol)
     image, expected = (s.deflation.arrays["image"] for s in (own, copied))
     np.testing.assert_allclose(image, ratio * expected, atol=1e-6 * ratio * np.abs(expected).max())
     translations = ratio * copied.matrix.translations
