@@ -663,6 +663,7 @@ class ReferenceContact(SelfContactTerm):
         A solid, a plane, or axisymmetric without torsion.
     """
 
+    lagged_at_prediction = True
     _coupled: bool
     _nodal_springs: NodalSprings
 

@@ -449,6 +449,11 @@ class Problem:
         self.x.array[: len(displacements)] = displacements
         self.prescribe(self.x)
 
+    @property
+    def lagged_at_prediction(self) -> bool:
+        """Whether a term has `HistoryTerm.lagged_at_prediction`."""
+        return self.history.lagged_at_prediction
+
     def update_lagged(self) -> bool:
         """Update the terms' lagged quantities at ``x``; return whether to solve again. Collective.
 

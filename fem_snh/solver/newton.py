@@ -34,6 +34,8 @@ from fem_snh.solver.step import ForcingTerm, Iteration, LineSearch, State, Step
 
 #: Rounding error of the residual relative to the acting forces, above which a state is no solution.
 _MOST_ROUNDING = 1e-2
+#: The residual at which a rough solve ends, relative to the acting forces.
+_ROUGH = 0.1
 
 Reason = PETSc.SNES.ConvergedReason
 
@@ -88,6 +90,9 @@ class ProjectedNewton:
     reduction : float
         The fraction of the first residual at which a solve also converges, after one iteration or
         more; 0 for none.
+    rough : bool
+        Whether the next solve may end once the residual is at most a tenth of the largest force of
+        a term, unless the first one is; after a solve, whether it ended so.
     force_iteration : bool
         Whether the next solve makes an iteration unless its first residual is zero; as PETSc's
         ``-snes_force_iteration``.
@@ -127,7 +132,7 @@ class ProjectedNewton:
         self.problem, self.force_scale = problem, problem.force_scale
         self.earlier_force, self.least_load = 0.0, inf
         self.force_iteration, self._first_norm, self.rounding = False, 0.0, 0.0
-        self.reduction = 0.0
+        self.reduction, self.rough = 0.0, False
         self.options = options.defaults_for("linesearch")
         self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
@@ -203,11 +208,14 @@ class ProjectedNewton:
         max_it = snes.getTolerances()[3]
         for its in range(max_it + 1):
             if self._test_convergence(snes, its, x, step_norm, norm, first or its > 0):
+                self.rough = False
                 step = self._leave_unstable(snes, state, step.negative, trial)
                 if step.end is None:
                     return
                 if isinstance(globalization, TrustRegion):
                     globalization.leave_equilibrium(state.energy - step.end.energy)
+            elif self.rough and self._ends_roughly(snes, its, x, norm):
+                return
             elif its == max_it:
                 break
             else:
@@ -340,6 +348,14 @@ class ProjectedNewton:
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
+
+    def _ends_roughly(self, snes: PETSc.SNES, its: int, x: PETSc.Vec, norm: float) -> bool:
+        """Return whether a rough solve ends. Collective. It is none if the first state would do."""
+        balanced = norm <= _ROUGH * self.problem.largest_force(x)
+        self.rough = its > 0 or not balanced
+        if balanced and self.rough:
+            snes.setConvergedReason(Reason.CONVERGED_FNORM_RELATIVE)
+        return balanced and self.rough
 
     def _tolerance(self, snes: PETSc.SNES, x: PETSc.Vec, norm: float) -> float:
         """Return the tolerance [N] for the residual at ``x``, whose norm is ``norm``. Collective.

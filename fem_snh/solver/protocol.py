@@ -224,6 +224,10 @@ class SolvableProblem(Protocol):
         part of their derivative, or, if ``whole`` and the filter is "exact", all of it.
         """
 
+    @property
+    def lagged_at_prediction(self) -> bool:
+        """Return whether lagged quantities of a step's first solve are of its predicted state."""
+
     def update_lagged(self) -> bool:
         """Update the lagged quantities at ``x``; return whether to solve again. Collective.
 

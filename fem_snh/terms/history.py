@@ -71,6 +71,10 @@ class HistoryTerm(Term):
     ``u`` is the ghosted displacement. All methods are collective.
     """
 
+    #: Whether lagged quantities of a step's first solve are those of its predicted state, so that
+    #: an accurate solution for them would be wasted.
+    lagged_at_prediction = False
+
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset lagged quantities to those of the last accepted step, whose displacement is u.
 
@@ -126,6 +130,11 @@ class TermHistory:
     def _reset(self) -> None:
         self.solves, self.change = 0, LaggedChange()
         self._least, self._stalled = inf, 0  # the least change so far, and solves since then
+
+    @property
+    def lagged_at_prediction(self) -> bool:
+        """Whether a term has `HistoryTerm.lagged_at_prediction`."""
+        return any(term.lagged_at_prediction for term in self._terms)
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the terms to the last accepted step, whose displacement is ``u``."""
