@@ -118,12 +118,13 @@ def bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _random(comm: MPI.Comm, scaled: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
     """Return random numbers in [0, 1) for this rank's nodes, (n, 3). Collective.
 
-    ``scaled`` (n, 3) are the nodes' coordinates relative to the body's extent. Every rank draws the
+    ``scaled`` (n, 3) are the nodes' coordinates relative to the body's extent. Rank 0 draws the
     numbers of all nodes in the order of their coordinates, so the partition has no influence.
     """
-    parts = comm.allgather(np.round(scaled / _GRID + _SHIFT))
-    first = sum(len(part) for part in parts[: comm.rank])
-    all_nodes = np.concatenate(parts)
-    drawn = np.empty_like(all_nodes)
-    drawn[np.lexsort(all_nodes.T)] = np.random.default_rng([seed, stream]).random(all_nodes.shape)
-    return drawn[first : first + len(scaled)]
+    parts, drawn = comm.gather(np.round(scaled / _GRID + _SHIFT)), None
+    if parts:
+        nodes = np.concatenate(parts)
+        order, numbers = np.lexsort(nodes.T), np.empty_like(nodes)
+        numbers[order] = np.random.default_rng([seed, stream]).random(nodes.shape)
+        drawn = np.split(numbers, np.cumsum([len(part) for part in parts])[:-1])
+    return np.asarray(comm.scatter(drawn))
