@@ -745,6 +745,10 @@ class ReferenceContact(SelfContactTerm):
         """
         self._searches, self._stale = 0, True
 
+    def renew_prediction(self) -> None:
+        """Have the next evaluation search for targets, as the first search of the step."""
+        self._stale, self._searches = True, 1
+
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Search again and store the penetration; return the change of the forces. Collective.
 

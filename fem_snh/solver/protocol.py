@@ -228,6 +228,9 @@ class SolvableProblem(Protocol):
     def lagged_at_prediction(self) -> bool:
         """Return whether lagged quantities of a step's first solve are of its predicted state."""
 
+    def renew_prediction(self) -> None:
+        """Take the lagged quantities that are of the predicted state from ``x``. Collective."""
+
     def update_lagged(self) -> bool:
         """Update the lagged quantities at ``x``; return whether to solve again. Collective.
 

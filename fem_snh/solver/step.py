@@ -312,8 +312,6 @@ def solve_until_settled(
 ) -> None:
     """Solve from ``problem.x``, in place, until the lagged quantities settle. Collective.
 
-    If they are those of the predicted state, the first solve is a rough one.
-
     Parameters
     ----------
     problem : SolvableProblem
@@ -325,15 +323,12 @@ def solve_until_settled(
     judge : callable, optional
         Called with the outcome before each further solve; it may mark the step as failed.
     """
-    context, again = snes.getPythonContext(), True
-    context.rough = problem.lagged_at_prediction
+    again = True
     while again:
         with callback_errors():
             snes.solve(None, problem.x)
         outcome.add_solve(snes)
         again = outcome.converged and update_lagged(problem, outcome)
-        again |= outcome.converged and context.rough
-        context.rough = False
         if again and judge:
             judge(outcome)
             again = outcome.converged

@@ -72,7 +72,7 @@ class HistoryTerm(Term):
     """
 
     #: Whether lagged quantities of a step's first solve are those of its predicted state, so that
-    #: an accurate solution for them would be wasted.
+    #: an accurate solution for them would be wasted. Such a term has `renew_prediction`.
     lagged_at_prediction = False
 
     def begin_step(self, u: PETSc.Vec) -> None:
@@ -88,6 +88,10 @@ class HistoryTerm(Term):
         The result is the same on all ranks.
         """
         raise NotImplementedError(f"{type(self).__name__}.update_lagged")
+
+    def renew_prediction(self) -> None:
+        """Have the next evaluation take the quantities of `lagged_at_prediction` from its state."""
+        raise NotImplementedError(f"{type(self).__name__}.renew_prediction")
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Store the history at ``u``: the step is accepted."""
@@ -135,6 +139,12 @@ class TermHistory:
     def lagged_at_prediction(self) -> bool:
         """Whether a term has `HistoryTerm.lagged_at_prediction`."""
         return any(term.lagged_at_prediction for term in self._terms)
+
+    def renew_prediction(self) -> None:
+        """Call `HistoryTerm.renew_prediction` of the terms with `lagged_at_prediction`."""
+        for term in self._terms:
+            if term.lagged_at_prediction:
+                term.renew_prediction()
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the terms to the last accepted step, whose displacement is ``u``."""
