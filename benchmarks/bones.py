@@ -68,11 +68,13 @@ def rows(
 def measure(scene: scenes.Scene, out: str | None = None) -> Row:
     """Return the row of one run. Collective.
 
-    Means are over the scene's steps; a halved step counts as one, with all of its attempts.
+    Means are over the scene's steps up to the last load; a halved step counts as one, with all of
+    its attempts. ``most_newton`` is of one attempt.
     """
     result = run(scene, out=out, overwrite=True, progress=False)
     record, steps = result.record, result.steps
     accepted = [step for step in steps if step["converged"]]
+    done = scene.steps * accepted[-1]["load"] if accepted else float("nan")
     row: Row = {
         "scene": scene.name,
         "material": record["material"]["name"],
@@ -84,11 +86,11 @@ def measure(scene: scenes.Scene, out: str | None = None) -> Row:
         "load": accepted[-1]["load"] if accepted else 0.0,
         "steps": len(steps),
         "rejected": len(steps) - len(accepted),
-        "newton": sum(step["newton"] for step in steps) / scene.steps,
+        "newton": sum(step["newton"] for step in steps) / done,
         "most_newton": max(step["newton"] for step in steps),
-        "linear": sum(step["linear"] for step in steps) / scene.steps,
-        "seconds": sum(step["seconds"] for step in steps) / scene.steps,
-        "processor_seconds": record["processor_seconds"] / scene.steps,
+        "linear": sum(step["linear"] for step in steps) / done,
+        "seconds": sum(step["seconds"] for step in steps) / done,
+        "processor_seconds": record["processor_seconds"] / done,
         "residual": max((step["residual"] for step in accepted), default=float("nan")),
         "volume": accepted[-1]["volume_ratio"] if accepted else 1.0,
         "min_J": min((step["min_J"] for step in accepted), default=1.0),
