@@ -663,7 +663,6 @@ class ReferenceContact(SelfContactTerm):
         A solid, a plane, or axisymmetric without torsion.
     """
 
-    lagged_at_prediction = True
     _coupled: bool
     _nodal_springs: NodalSprings
 
@@ -744,10 +743,6 @@ class ReferenceContact(SelfContactTerm):
         These forces depend on the displacement alone, so that a resumed run has the same ones.
         """
         self._searches, self._stale = 0, True
-
-    def renew_prediction(self) -> None:
-        """Have the next evaluation search for targets, as the first search of the step."""
-        self._stale, self._searches = True, 1
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Search again and store the penetration; return the change of the forces. Collective.

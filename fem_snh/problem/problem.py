@@ -449,15 +449,6 @@ class Problem:
         self.x.array[: len(displacements)] = displacements
         self.prescribe(self.x)
 
-    @property
-    def lagged_at_prediction(self) -> bool:
-        """Whether a term has `HistoryTerm.lagged_at_prediction`."""
-        return self.history.lagged_at_prediction
-
-    def renew_prediction(self) -> None:
-        """Call `HistoryTerm.renew_prediction` of these terms. Collective."""
-        self.history.renew_prediction()
-
     def update_lagged(self) -> bool:
         """Update the terms' lagged quantities at ``x``; return whether to solve again. Collective.
 

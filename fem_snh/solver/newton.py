@@ -34,8 +34,6 @@ from fem_snh.solver.step import ForcingTerm, Iteration, LineSearch, State, Step
 
 #: Rounding error of the residual relative to the acting forces, above which a state is no solution.
 _MOST_ROUNDING = 1e-2
-#: The residual over the largest force of a term, at which a predicted state has been corrected.
-_CORRECTED = 0.03
 
 Reason = PETSc.SNES.ConvergedReason
 
@@ -90,10 +88,6 @@ class ProjectedNewton:
     reduction : float
         The fraction of the first residual at which a solve also converges, after one iteration or
         more; 0 for none.
-    predicted : bool
-        Whether the next solve begins with lagged quantities of a predicted state. It renews them
-        once, where the residual is at most 3 % of the largest force of a term; not if the first
-        residual is.
     force_iteration : bool
         Whether the next solve makes an iteration unless its first residual is zero; as PETSc's
         ``-snes_force_iteration``.
@@ -133,7 +127,7 @@ class ProjectedNewton:
         self.problem, self.force_scale = problem, problem.force_scale
         self.earlier_force, self.least_load = 0.0, inf
         self.force_iteration, self._first_norm, self.rounding = False, 0.0, 0.0
-        self.reduction, self.predicted = 0.0, False
+        self.reduction = 0.0
         self.options = options.defaults_for("linesearch")
         self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
@@ -190,31 +184,25 @@ class ProjectedNewton:
 
         Sets the SNES's converged reason and the attributes of the last solve; ignores ``b``.
         """
-        self.left, self.gave_up, predicted = _Left(), "", self.predicted
-        self.predicted = False
+        self.left, self.gave_up = _Left(), ""
         self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
         progress = NewtonProgress()
         globalization = self._globalization(snes, forcing)
-        norm, step_norm, step = self._evaluate(snes, state), 0.0, Step()
+        state.energy = snes.computeObjective(x) if self.problem.has_energy else 0.0
         if not isfinite(state.energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
             snes.setFunctionNorm(state.energy)
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
+        snes.computeFunction(x, state.residual)
+        norm, step_norm, step = state.residual.norm(), 0.0, Step()
         first, self._first_norm = not self.force_iteration, norm
         self.force_iteration, self.rounding = False, 0.0
-        predicted = predicted and not self._is_corrected(x, norm)
         max_it = snes.getTolerances()[3]
         for its in range(max_it + 1):
-            if predicted and self._is_corrected(x, norm):
-                predicted = False
-                self.problem.renew_prediction()
-                norm = self._evaluate(snes, state)
-                progress, globalization = NewtonProgress(), self._globalization(snes, forcing)
             if self._test_convergence(snes, its, x, step_norm, norm, first or its > 0):
-                predicted = False
                 step = self._leave_unstable(snes, state, step.negative, trial)
                 if step.end is None:
                     return
@@ -264,17 +252,6 @@ class ProjectedNewton:
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- the parts of an iteration ---------------------------------------------------------------
-
-    def _evaluate(self, snes: PETSc.SNES, state: State) -> float:
-        """Set energy and residual of ``state``; return the residual's norm [N]. Collective.
-
-        Without a finite energy there is no residual; its norm is then infinite.
-        """
-        state.energy = snes.computeObjective(state.x) if self.problem.has_energy else 0.0
-        if not isfinite(state.energy):
-            return inf
-        snes.computeFunction(state.x, state.residual)
-        return float(state.residual.norm())
 
     def _forcing(self) -> ForcingTerm:
         """Return the forcing terms of one solve."""
@@ -363,10 +340,6 @@ class ProjectedNewton:
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
-
-    def _is_corrected(self, x: PETSc.Vec, norm: float) -> bool:
-        """Return whether lagged quantities may be renewed at ``x``. Collective."""
-        return norm <= _CORRECTED * self.problem.largest_force(x)
 
     def _tolerance(self, snes: PETSc.SNES, x: PETSc.Vec, norm: float) -> float:
         """Return the tolerance [N] for the residual at ``x``, whose norm is ``norm``. Collective.

@@ -224,13 +224,6 @@ class SolvableProblem(Protocol):
         part of their derivative, or, if ``whole`` and the filter is "exact", all of it.
         """
 
-    @property
-    def lagged_at_prediction(self) -> bool:
-        """Return whether lagged quantities of a step's first solve are of its predicted state."""
-
-    def renew_prediction(self) -> None:
-        """Take the lagged quantities that are of the predicted state from ``x``. Collective."""
-
     def update_lagged(self) -> bool:
         """Update the lagged quantities at ``x``; return whether to solve again. Collective.
 

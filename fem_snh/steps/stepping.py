@@ -191,9 +191,7 @@ class StepSolver:
             self.pressures.solve()
             outcome.history += self.pressures.history
         # In motion, forces that are small beside others, as the weight of a body in tension, count.
-        context = self.snes.getPythonContext()
-        context.force_iteration = self.motion is not None
-        context.predicted = problem.lagged_at_prediction
+        self.snes.getPythonContext().force_iteration = self.motion is not None
         judge = self._fail_sliding_step if self.can_rescue and not self._rescued else None
         solver.solve_until_settled(problem, self.snes, outcome, judge)
         return outcome

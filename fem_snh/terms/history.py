@@ -71,10 +71,6 @@ class HistoryTerm(Term):
     ``u`` is the ghosted displacement. All methods are collective.
     """
 
-    #: Whether lagged quantities of a step's first solve are those of its predicted state, so that
-    #: an accurate solution for them would be wasted. Such a term has `renew_prediction`.
-    lagged_at_prediction = False
-
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset lagged quantities to those of the last accepted step, whose displacement is u.
 
@@ -88,10 +84,6 @@ class HistoryTerm(Term):
         The result is the same on all ranks.
         """
         raise NotImplementedError(f"{type(self).__name__}.update_lagged")
-
-    def renew_prediction(self) -> None:
-        """Have the next evaluation take the quantities of `lagged_at_prediction` from its state."""
-        raise NotImplementedError(f"{type(self).__name__}.renew_prediction")
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Store the history at ``u``: the step is accepted."""
@@ -134,17 +126,6 @@ class TermHistory:
     def _reset(self) -> None:
         self.solves, self.change = 0, LaggedChange()
         self._least, self._stalled = inf, 0  # the least change so far, and solves since then
-
-    @property
-    def lagged_at_prediction(self) -> bool:
-        """Whether a term has `HistoryTerm.lagged_at_prediction`."""
-        return any(term.lagged_at_prediction for term in self._terms)
-
-    def renew_prediction(self) -> None:
-        """Call `HistoryTerm.renew_prediction` of the terms with `lagged_at_prediction`."""
-        for term in self._terms:
-            if term.lagged_at_prediction:
-                term.renew_prediction()
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the terms to the last accepted step, whose displacement is ``u``."""

@@ -18,7 +18,6 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.contact.reference_contact import ReferenceContact
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.problem.problem import Problem
 
 COMM = MPI.COMM_WORLD
 mpi = pytest.mark.mpi
@@ -157,24 +156,6 @@ def test_a_clip_whose_arms_are_pressed_together() -> None:
     through = fem_snh.run(without, progress=False)
     assert through.record["terms"] == ["elastic"]
     assert through.steps[-1]["energy"] < 0.97 * runs[0].steps[-1]["energy"]
-
-
-def test_the_pairs_of_a_prediction_are_renewed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the residual is small, at most once a step; wide steps end where small ones do."""
-    found: list[float] = []
-    renew = Problem.renew_prediction
-
-    def renewed(problem: Problem) -> None:
-        residual = problem.x.duplicate()
-        problem.residual(problem.x, residual)
-        found.append(residual.norm() / problem.largest_force(problem.x))
-        renew(problem)
-
-    monkeypatch.setattr(Problem, "renew_prediction", renewed)
-    scene = scenes.validate(CLIP | {"cells": 4}, "clip")
-    wide, fine = (fem_snh.run(scene, steps=steps, progress=False) for steps in (2, 20))
-    assert 2 <= len(found) <= 22 and all(1e-4 < ratio <= 0.03 for ratio in found)
-    assert wide.steps[-1]["energy"] == pytest.approx(fine.steps[-1]["energy"], rel=1e-3)
 
 
 @pytest.mark.parametrize("scene", ["clip", "arm"])
