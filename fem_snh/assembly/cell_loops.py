@@ -35,6 +35,56 @@ _VOLUME_HEADERS = {
 
 
 @dataclass(frozen=True)
+class TensorBasis:
+    """A basis of products of functions of one variable, with quadrature points on a grid.
+
+    The place of a node or point in its grid is that of its indices (1, 2, 3) in a C array.
+
+    Attributes
+    ----------
+    basis : (2, points, nodes)
+        Values and derivatives of the functions on the interval, at its quadrature points.
+    nodes : (NODES,) int
+        The node at each place of the grid.
+    points : (POINTS,) int
+        The place of each quadrature point.
+    """
+
+    basis: Array
+    nodes: Array
+    points: Array
+
+    @classmethod
+    def of(cls, element: Element) -> TensorBasis | None:
+        """Return the basis of hexahedra of degree 2 or more; None where whole sums are faster."""
+        if element.cell != "hexahedron" or element.degree == 1:
+            return None
+        x, _ = _dolfinx.quadrature("interval", element.quadrature)
+        points, _ = _dolfinx.quadrature(element.cell, element.quadrature)
+        on_interval = _dolfinx.reference_nodes("interval", element.degree)
+        nodes = _dolfinx.reference_nodes(element.cell, element.degree)
+        basis = _dolfinx.tabulate_element("interval", element.degree, x, 1)
+        places = _places(nodes, on_interval)
+        return cls(basis, np.argsort(places), _places(points, x))
+
+    @property
+    def definitions(self) -> list[str]:
+        """The sizes and tables as lines of C."""
+        numbers = {"BASIS": self.basis, "NODE": self.nodes, "POINT": self.points}
+        return [
+            f"#define TENSOR_POINTS {self.basis.shape[1]}",
+            f"#define TENSOR_NODES {self.basis.shape[2]}",
+            *(f"#define TENSOR_{n} {', '.join(map(str, a.ravel()))}" for n, a in numbers.items()),
+        ]
+
+
+def _places(points: Array, coordinates: Array) -> Array:
+    """Return the places of points (n, 3) in the grid of some coordinates (m, 1)."""
+    indices = np.abs(points[:, :, None] - coordinates[:, 0]).argmin(axis=2)
+    return np.ravel_multi_index(indices.T, (len(coordinates),) * 3)
+
+
+@dataclass(frozen=True)
 class ElementTables:
     """Basis, quadrature and node numbers of an element on one rank's cells.
 
@@ -63,6 +113,8 @@ class ElementTables:
         The fraction of each cell that the body fills, a factor of the cell's weights. None: 1.
     kinematics : Kinematics
         How the displacement becomes a deformation gradient.
+    tensor : TensorBasis, optional
+        The basis as products, by which the stiffness is summed. None: over all points at once.
     """
 
     nodes: Array
@@ -76,6 +128,7 @@ class ElementTables:
     pressure_basis: Array = field(default_factory=lambda: np.empty((0, 0)))
     fractions: Array | None = None
     kinematics: Kinematics = SOLID
+    tensor: TensorBasis | None = None
 
     @property
     def sizes(self) -> list[str]:
@@ -87,6 +140,7 @@ class ElementTables:
             f"#define GEOMETRY_NODES {self.geometry_gradients.shape[1]}",
             f"#define PRESSURE_NODES {self.pressure_basis.shape[1]}",
             *self.kinematics.definitions,
+            *(self.tensor.definitions if self.tensor else ()),
         ]
 
 
@@ -99,7 +153,9 @@ def compile_cell_loops(
     """
     volume = _VOLUME_HEADERS[tables.volume]
     target = "cell_api.h", "split_double.h", "matrix_target.h"
-    after = (*target, "kinematics.h", "element_matrices.h", volume, "cell_batches.h", *loops)
+    tensor = ("tensor_stiffness.h",) if tables.tensor else ()
+    elements = "kinematics.h", "element_matrices.h", *tensor
+    after = (*target, *elements, volume, "cell_batches.h", *loops)
     entries = tables.kinematics.entries
     return compile_kernel(material, tables.volume, tables.sizes, after, entries)
 
@@ -132,17 +188,17 @@ class CellLoops:
         self.constants, self.tables = compiled.constants, tables
         self._ffi, self._lib = build.load(compiled.path, header("cell_api.h"))
         self.num_cells = len(tables.nodes)
-        arrays = {
-            name: np.ascontiguousarray(getattr(tables, name), dtype=kind)
-            for kind, names in (
-                (np.int32, ("nodes", "geometry", "pressure_nodes")),
-                (np.float64, ("x", "gradients", "geometry_gradients", "weights", "pressure_basis")),
-            )
-            for name in names
-        }
+        # Cells one after the other add to the same rows of the matrix, which then stay in cache.
+        order = np.argsort(tables.nodes.min(axis=1), kind="stable")
+        arrays = {"number": order.astype(np.int32), "nodes": tables.nodes[order]}
+        arrays["geometry"] = tables.geometry[order]
+        if len(tables.pressure_nodes):
+            arrays["pressure_nodes"] = tables.pressure_nodes[order]
         if tables.fractions is not None:
-            arrays["fractions"] = np.ascontiguousarray(tables.fractions, dtype=np.float64)
-        arrays["constants"] = np.array(compiled.constants.values, dtype=np.float64)
+            arrays["fractions"] = tables.fractions[order]
+        for name in ("x", "gradients", "geometry_gradients", "weights", "pressure_basis"):
+            arrays[name] = np.ascontiguousarray(getattr(tables, name))
+        arrays["constants"] = np.array(compiled.constants.values)
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})
@@ -243,6 +299,7 @@ def element_tables(
         weights,
         element.volume,
         kinematics=kinematics,
+        tensor=TensorBasis.of(element),
     )
     if Q is None:
         return tables

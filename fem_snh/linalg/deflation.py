@@ -322,7 +322,7 @@ class BodyModes:
     free : (rows, components) bool
         Which displacements are coupled to others; the other displacements are prescribed.
     scale : float
-        One over the largest diagonal entry of A, within a factor of 2.
+        One over the largest diagonal entry of A.
     """
 
     def __init__(self, A: PETSc.Mat, coordinates: Array, free: Array, scale: float) -> None:

@@ -3,7 +3,7 @@
 `fem_snh.linalg.ssor_cg` solves with one half of a matrix in single precision. An AIJ matrix to copy
 it from would take five times its memory. Instead, every value is split (split_double.h): into the
 float that the solver reads, and the 32 bits that it lacks. Products in double precision read both.
-Values are scaled by a power of two, so that the largest diagonal entry is from 1/2 to 1.
+Values are scaled by a power of two, so that the largest diagonal entry is at most 1.
 """
 
 from __future__ import annotations
@@ -40,6 +40,9 @@ _PATTERN = ("aij_start", "aij_column", "aij_diagonal", "half_offset")
 #: Values are added times this and the unit's power of two: those of crushed cells may be 1e47 times
 #: the unit, the range of floats.
 _SMALL = 2.0**-30
+#: The least value of the largest diagonal entry that is not scaled to 1: another pass over the
+#: matrix, and the range of floats is wide enough for CG.
+_LEAST = 2.0**-64
 #: The rest of a value is a multiple of 2^-53 times the power of two of its float, of which frexp
 #: returns the exponent plus 1.
 _SHIFT = 54
@@ -176,9 +179,9 @@ class HalfMatrix:
                 array[:] = 0
 
     def finish(self) -> None:
-        """Scale the values so that the largest diagonal entry is from 1/2 to 1. Collective."""
+        """Scale the values unless the largest diagonal entry is from _LEAST to 1. Collective."""
         largest = self._comm.allreduce(self.matrix.largest_diagonal_entry(0), op=MPI.MAX)
-        if isfinite(largest) and largest > 0:
+        if isfinite(largest) and largest > 0 and not _LEAST <= largest <= 1:
             factor = 2.0 ** -frexp(largest)[1]
             self.matrix.lib.matrix_scale(self.matrix.struct, factor)
             self.scale *= factor

@@ -406,6 +406,7 @@ class SSORSystem:
             if half and self.matrix is not half.matrix:
                 self.matrix.copy_floats(half.matrix)
             self.scale = half.scale if half else 1 / largest if largest > 0 else 1.0
+            self.matrix.struct.largest = (largest or 1.0) if half else 1.0
             if self.comm.allreduce(self.matrix.fill(*values, self.scale)):
                 return int(_Reason.DIVERGED_INDEFINITE_PC)
             return self.deflation.update(*values, self.scale) if self.deflation else 0
@@ -417,13 +418,13 @@ class SSORSystem:
             return None
         energies = self.comm.allreduce(matrix.translations)
         least = energies.min() * matrix.size / self.unknowns  # of the Rayleigh quotients
-        if not LEAST_IN_DOUBLE < least < _LEAST_IN_SINGLE:
+        if not LEAST_IN_DOUBLE < least / matrix.struct.largest < _LEAST_IN_SINGLE:
             return None
         from fem_snh.linalg.deflation import BodyModes
 
         with _values(A) as values:
             free = matrix.coupled_unknowns(*values)
-        return BodyModes(A, X, free, self.scale)
+        return BodyModes(A, X, free, self.scale / matrix.struct.largest)
 
     def start_cycle(self, residual: PETSc.Vec) -> CycleStart:
         """Start CG at x = 0 for the right-hand side ``residual``, which deflation projects."""

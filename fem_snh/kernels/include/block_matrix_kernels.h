@@ -27,11 +27,11 @@ static inline double entry(const float *a, int r, int c) { return r < BLOCK && c
 
 /* b = a^-1 for a symmetric block a. Returns 0 if a is not positive definite to single precision. If a is nearly
  * singular, such as at a node without stiffness in a clamped Hessian, e is added to its diagonal: the size of its
- * rounding errors (1e-6 of its trace; 1e-12 of the matrix's largest entry, which is scaled to 1). */
-static inline int invert_block(float *a, float *b) {
+ * rounding errors (1e-6 of its trace; 1e-12 of `largest`, the matrix's largest entry). */
+static inline int invert_block(double largest, float *a, float *b) {
   double trace = 0;
   for (int k = 0; k < BLOCK; k++) trace += a[(BLOCK + 1) * k];
-  const double e = fmax(1e-6 * fabs(trace), 1e-12);
+  const double e = fmax(1e-6 * fabs(trace), 1e-12 * largest);
   for (int attempt = 0; attempt < 2; attempt++) {
     const double p = entry(a, 0, 0), q = entry(a, 1, 1), r = entry(a, 2, 2);
     const double x = entry(a, 1, 2), y = entry(a, 0, 2), z = entry(a, 0, 1);
@@ -221,7 +221,7 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
       b->diagonal[ENTRIES * i + (BLOCK + 1) * r] += REMAINDER_WEIGHT * sum;
     }
   }
-  for (long i = 0; i < b->rows; i++) bad += !invert_block(b->diagonal + ENTRIES * i, b->diagonal_inverse + ENTRIES * i);
+  for (long i = 0; i < b->rows; i++) bad += !invert_block(b->largest, b->diagonal + ENTRIES * i, b->diagonal_inverse + ENTRIES * i);
   for (long k = 0; k < b->rows; k++)
     if (is_linked(b, k)) set_link(b, k);
   return bad;

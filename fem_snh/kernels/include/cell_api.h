@@ -6,6 +6,7 @@
  * and POINTS (quadrature points per cell) are macros that the code generator defines. */
 typedef struct {
   int cells;                        /* number of cells */
+  const int *number;                /* [cells] the number of each cell in the matrix and in results */
   const int *nodes;                 /* [cells][NODES] displacement nodes */
   const int *geometry;              /* [cells][GEOMETRY_NODES] geometry nodes */
   const double *x;                  /* [.][3] reference coordinates of the geometry nodes [m] */

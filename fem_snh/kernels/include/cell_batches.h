@@ -14,19 +14,21 @@
 #define FOR_EACH_BATCH                                         \
   for (long start = 0; start < c->cells; start += W) {         \
     const int lanes = c->cells - start < W ? c->cells - start : W; \
+    long cell[W + 1];                                          \
     real x[GEOMETRY_NODES][3], v[NODES][3];                    \
     VolumeTerm volume;                                           \
-    const real fraction = cell_fractions(c, start);            \
+    next_cells(c, start, cell);                                \
+    const real fraction = cell_fractions(c, cell);             \
     GATHER(x, GEOMETRY_NODES, 3, c->geometry, c->x)            \
     GATHER_DISPLACEMENTS(v, c->nodes, u)                       \
-    volume_prepare(c, fraction, start, x, v, pressure, &volume);
+    volume_prepare(c, fraction, cell, x, v, pressure, &volume);
 
-/* Per quadrature point: basis gradients G, weight, H, F and the material's parameters p. The body and its
+/* Per quadrature point: the inverse I of dx/dxi, weight, H, F and the material's parameters p. The body and its
  * closing brace follow. */
 #define FOR_EACH_POINT                                         \
-  real G[3 * NODES], weight, F[9], H[9];                           \
+  real I[9], weight, F[9], H[9];                                     \
   for (int q = 0; q < POINTS; ++q) {                           \
-    geometry_point(c, x, fraction, q, G, &weight);             \
-    deformation_point(G, v, F, H);                             \
+    geometry_point(c, x, fraction, q, I, &weight);             \
+    deformation_point(c, q, I, v, F, H);                       \
     const Parameters p = volume_parameters(c, &volume, q);     \
     THIRD_STRETCH(p, F, H)

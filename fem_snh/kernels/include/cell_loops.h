@@ -1,5 +1,16 @@
 /* The loops over cells for cell_api.h, on cell_batches.h. */
 
+/* The element stiffness K from its integrand at the points. */
+#ifdef TENSOR_NODES
+#define STIFFNESS_BEGIN TensorStiffness D;
+#define STIFFNESS_POINT tensor_stiffness_point(C, I, weight, q, D);
+#define STIFFNESS_END tensor_stiffness(D, K);
+#else
+#define STIFFNESS_BEGIN for (int i = 0; i < 9 * PAIRS; ++i) K[i] = splat(0);
+#define STIFFNESS_POINT { real G[3 * NODES]; basis_gradients(c, q, I, G); add_stiffness(C, G, weight, K); }
+#define STIFFNESS_END
+#endif
+
 double energy_cells(const Cells *c, const double *u, const double *pressure) {
   double total = 0;
   FOR_EACH_BATCH
@@ -15,22 +26,24 @@ double energy_cells(const Cells *c, const double *u, const double *pressure) {
 
 void residual_cells(const Cells *c, const double *u, const double *pressure, double *r, double *r_p) {
   FOR_EACH_BATCH
-    real P[9], f[NODES][3];
+    real P[9], S[9], f[NODES][3];
     for (int a = 0; a < NODES; ++a)
       for (int i = 0; i < 3; ++i) f[a][i] = splat(0);
     FOR_EACH_POINT
       stress_point(p, F, H, P);
       pull_back(P);
       for (int i = 0; i < 9; ++i) P[i] *= weight;
+      to_reference(P, I, S);
+      const double *d = c->gradients + 3 * NODES * q;
       for (int a = 0; a < NODES; ++a)
-        for (int i = 0; i < 3; ++i) f[a][i] += P[i] * G[3 * a] + P[3 + i] * G[3 * a + 1] + P[6 + i] * G[3 * a + 2];
+        for (int i = 0; i < 3; ++i) f[a][i] += S[i] * d[3 * a] + S[3 + i] * d[3 * a + 1] + S[6 + i] * d[3 * a + 2];
       volume_residual_point(c, &volume, q, p, F, H, weight);
     }
     for (int l = 0; l < lanes; ++l)
       for (int a = 0; a < NODES; ++a)
         for (int i = 0; i < COMPONENTS; ++i)
-          r[COMPONENTS * (long)c->nodes[NODES * (start + l) + a] + i] += f[a][i][l];
-    volume_residual_add(c, start, lanes, &volume, r_p);
+          r[COMPONENTS * (long)c->nodes[NODES * cell[l] + a] + i] += f[a][i][l];
+    volume_residual_add(c, cell, lanes, &volume, r_p);
   }
 }
 
@@ -38,21 +51,22 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
   long negative = 0;
   FOR_EACH_BATCH
     real C[81], K[9 * PAIRS];
-    for (int i = 0; i < 9 * PAIRS; ++i) K[i] = splat(0);
+    STIFFNESS_BEGIN
     FOR_EACH_POINT
       const mask found = hessian_point(p, F, filter, solver, C);
       for (int l = 0; l < lanes; ++l) negative -= found[l];
       CONDENSE(F, C)
       pull_back_matrix(C);
-      add_stiffness(C, G, weight, K);
-      volume_jacobian_point(c, &volume, q, p, F, G, weight);
+      STIFFNESS_POINT
+      volume_jacobian_point(c, &volume, q, p, F, I, weight);
     }
+    STIFFNESS_END
     int constrained = 0;
     real free[NODES][3];
-    for (int l = 0; l < lanes; ++l) constrained |= t->constrained[start + l];
+    for (int l = 0; l < lanes; ++l) constrained |= t->constrained[c->number[cell[l]]];
     if (constrained) { GATHER_DISPLACEMENTS(free, c->nodes, t->free) }
-    volume_jacobian_add(c, t, start, lanes, filter, &volume, K, constrained, free);
-    if (t->rotation) rotate_blocks(t->rotation, start, lanes, K);
+    volume_jacobian_add(c, t, cell, lanes, filter, &volume, K, constrained, free);
+    if (t->rotation) rotate_blocks(c, t->rotation, cell, K);
     if (constrained) { /* rows and columns of prescribed components are zero */
       real *block = K;
       for (int b = 0; b < NODES; ++b)
@@ -60,9 +74,7 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
           for (int i = 0; i < 3; ++i)
             for (int j = 0; j < 3; ++j) block[3 * i + j] *= free[a][i] * free[b][j];
     }
-    for (int l = 0; l < lanes; ++l)
-      scatter(t, c->nodes + NODES * (start + l), t->position + (long)ALL_NODES * ALL_NODES * (start + l), K, l,
-              start + l + 1 == c->cells);
+    for (int l = 0; l < lanes; ++l) scatter(c, t, cell, K, l);
   }
   return negative;
 }
@@ -82,6 +94,6 @@ void fields_cells(const Cells *c, const double *u, const double *pressure, doubl
       for (int k = 0; k < 9; ++k) out[4] = lane_min(out[4], e[k]);
     }
     for (int l = 0; l < lanes; ++l)
-      for (int i = 0; i < 5; ++i) fields[5 * (start + l) + i] = out[i][l];
+      for (int i = 0; i < 5; ++i) fields[5 * (long)c->number[cell[l]] + i] = out[i][l];
   }
 }

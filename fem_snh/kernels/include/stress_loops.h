@@ -7,7 +7,7 @@ void stresses_cells(const Cells *c, const double *u, const double *pressure, dou
       real P[9];
       stress_point(p, F, H, P);
       for (int l = 0; l < lanes; ++l) {
-        const long point = POINTS * (start + l) + q;
+        const long point = POINTS * (long)c->number[cell[l]] + q;
         weights[point] = weight[l] / fraction[l]; /* fields are means over whole cells */
         for (int i = 0; i < 9; ++i) {
           gradients[points * i + point] = H[i][l];

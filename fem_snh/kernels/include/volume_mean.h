@@ -15,12 +15,12 @@ typedef struct {
   real dv[NODES][3];  /* derivative of the deformed volume by the nodal displacements */
 } VolumeTerm;
 
-INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
-  real G[3 * NODES], weight, F[9], H[9], cofactor[9], deformed = splat(0), change = splat(0);
+INLINE void volume_prepare(const Cells *c, real fraction, const long *cell, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+  real I[9], weight, F[9], H[9], cofactor[9], deformed = splat(0), change = splat(0);
   m->volume = splat(0);
   for (int q = 0; q < POINTS; ++q) {
-    geometry_point(c, x, fraction, q, G, &weight);
-    deformation_point(G, v, F, H);
+    geometry_point(c, x, fraction, q, I, &weight);
+    deformation_point(c, q, I, v, F, H);
     m->volume += weight;
     const real J = determinant(F, cofactor);
     deformed += weight * J;
@@ -41,18 +41,20 @@ INLINE real volume_energy_density(const Cells *c, int q, Parameters p, const Vol
 
 INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {}
 
-INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {}
+INLINE void volume_residual_add(const Cells *c, const long *cell, int lanes, const VolumeTerm *m, double *r) {}
 
-INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {
-  real cofactor[9];
+INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *I, real weight) {
+  const double *d = c->gradients + 3 * NODES * q;
+  real cofactor[9], S[9];
   determinant(F, cofactor);
   pull_back(cofactor);
+  to_reference(cofactor, I, S);
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i)
-      m->dv[a][i] += (cofactor[i] * G[3 * a] + cofactor[3 + i] * G[3 * a + 1] + cofactor[6 + i] * G[3 * a + 2]) * weight;
+      m->dv[a][i] += (S[i] * d[3 * a] + S[3 + i] * d[3 * a + 1] + S[6 + i] * d[3 * a + 2]) * weight;
 }
 
-INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long start, int lanes, int filter, const VolumeTerm *m,
+INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, const long *cell, int lanes, int filter, const VolumeTerm *m,
                                 real *K, int constrained, const real free[][3]) {
   const real factor = filter_eigenvalue(filter, m->U[2]) / m->volume;
   for (int b = 0; b < NODES; ++b)

@@ -4,7 +4,7 @@ typedef struct {
   char unused;
 } VolumeTerm;
 
-INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+INLINE void volume_prepare(const Cells *c, real fraction, const long *cell, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   m->unused = 0;
 }
 
@@ -14,9 +14,9 @@ INLINE real volume_energy_density(const Cells *c, int q, Parameters p, const Vol
 
 INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *H, real weight) {}
 
-INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {}
+INLINE void volume_residual_add(const Cells *c, const long *cell, int lanes, const VolumeTerm *m, double *r) {}
 
-INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {}
+INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *I, real weight) {}
 
-INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long start, int lanes, int filter, const VolumeTerm *m,
+INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, const long *cell, int lanes, int filter, const VolumeTerm *m,
                                 real *K, int constrained, const real free[][3]) {}

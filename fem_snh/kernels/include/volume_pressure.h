@@ -17,7 +17,7 @@ typedef struct {
   real B[NODES][3][PRESSURE_NODES], C[PRESSURE_NODES][PRESSURE_NODES]; /* B^T and C */
 } VolumeTerm;
 
-INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+INLINE void volume_prepare(const Cells *c, real fraction, const long *cell, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   *m = (VolumeTerm){0};
   GATHER(m->p, PRESSURE_NODES, 1, c->pressure_nodes, pressure)
   if (c->pressure_damping) { GATHER(m->w, PRESSURE_NODES, 1, c->pressure_nodes, c->pressure_origin) }
@@ -56,31 +56,32 @@ INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Paramete
   for (int a = 0; a < PRESSURE_NODES; ++a) m->r[a] += c->pressure_basis[PRESSURE_NODES * q + a] * mismatch;
 }
 
-INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {
+INLINE void volume_residual_add(const Cells *c, const long *cell, int lanes, const VolumeTerm *m, double *r) {
   for (int l = 0; l < lanes; ++l)
-    for (int a = 0; a < PRESSURE_NODES; ++a) r[c->pressure_nodes[PRESSURE_NODES * (start + l) + a]] += m->r[a][l];
+    for (int a = 0; a < PRESSURE_NODES; ++a) r[c->pressure_nodes[PRESSURE_NODES * cell[l] + a]] += m->r[a][l];
 }
 
-INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {
-  const double *N = c->pressure_basis + PRESSURE_NODES * q;
-  real conjugate[3], cofactor[9];
+INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *I, real weight) {
+  const double *N = c->pressure_basis + PRESSURE_NODES * q, *d = c->gradients + 3 * NODES * q;
+  real conjugate[3], cofactor[9], S[9];
   conjugate_point(c, m, q, p, conjugate);
   determinant(F, cofactor);
   pull_back(cofactor);
+  to_reference(cofactor, I, S);
   for (int b = 0; b < NODES; ++b)
     for (int i = 0; i < 3; ++i) {
-      const real dJ = (cofactor[i] * G[3 * b] + cofactor[3 + i] * G[3 * b + 1] + cofactor[6 + i] * G[3 * b + 2]) * weight;
+      const real dJ = (S[i] * d[3 * b] + S[3 + i] * d[3 * b + 1] + S[6 + i] * d[3 * b + 2]) * weight;
       for (int a = 0; a < PRESSURE_NODES; ++a) m->B[b][i][a] += N[a] * dJ;
     }
   for (int a = 0; a < PRESSURE_NODES; ++a)
     for (int b = 0; b < PRESSURE_NODES; ++b) m->C[a][b] += N[a] * N[b] * conjugate[2] * weight;
 }
 
-INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long start, int lanes, int filter, const VolumeTerm *m,
+INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, const long *cell, int lanes, int filter, const VolumeTerm *m,
                                 real *K, int constrained, const real free[][3]) {
   for (int l = 0; l < lanes; ++l) {
-    const int *position = t->position + (long)ALL_NODES * ALL_NODES * (start + l);
-    const int *nodes = c->nodes + NODES * (start + l);
+    const int *position = positions(c, t, cell[l]);
+    const int *nodes = c->nodes + NODES * cell[l];
     for (int a = 0; a < PRESSURE_NODES; ++a) {
       const int *row = position + ALL_NODES * (NODES + a);
       for (int b = 0; b < NODES; ++b) {
