@@ -39,7 +39,7 @@ from fem_snh.contact.samples import (
 from fem_snh.contact.surface_contact import SelfContactTerm
 from fem_snh.contact.triangle_search import CloserTargets, ReferenceSurface, approaching
 from fem_snh.mesh.gmsh_model import Skin
-from fem_snh.terms.history import LaggedChange, relative
+from fem_snh.terms.history import SETTLED, LaggedChange, relative
 
 #: A sample found in two cells counts once if its two reference positions are closer than this
 #: fraction of a cell: the cells are neighbours.
@@ -630,13 +630,16 @@ def _closest(start: Array, along: Array, i: Array, j: Array) -> tuple[Array, Arr
     return point / determinant[:, None], normal, size / np.maximum(np.sqrt(dd * ee), tiny)
 
 
-#: The pairs have settled when a new search changes no nodal force by more than this fraction of the
-#: largest one.
-_SETTLED = 1e-2
 #: After _FREE_SEARCHES of a step a sample keeps a target that would move by less than _MOVED cells,
 #: after _SEARCHES_TO_MOVE any target: between two close triangles of different normals it would
 #: alternate for ever.
 _FREE_SEARCHES, _SEARCHES_TO_MOVE, _MOVED = 1, 2, 0.25
+
+
+def _relative_change(before: Array, after: Array) -> float:
+    """Return the largest change of nodal forces over the largest force, in units of SETTLED."""
+    largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
+    return relative(np.abs(after - before).max(initial=0.0), largest, SETTLED)
 
 
 class ReferenceContact(SelfContactTerm):
@@ -680,6 +683,7 @@ class ReferenceContact(SelfContactTerm):
         none = ContactSprings.none(len(self.surface.points), kinematics.components)
         self._set_springs(self._on_nodes(none))
         self._searches, self._penetration, self._stale = 0, 0.0, True
+        self._change = 0.0
 
     def set_load(self, load: float) -> None:
         """Have the next evaluation, at a step's predicted displacement, search for targets."""
@@ -711,7 +715,8 @@ class ReferenceContact(SelfContactTerm):
 
         ``pairs``, the number of springs that push; ``penetration`` [m] of the deepest point of the
         surface after the last solve; ``force`` [N], the sum of the magnitudes of the springs'
-        forces; ``stiffness`` [Pa/m], the mean over the surface.
+        forces; ``stiffness`` [Pa/m], the mean over the surface; ``change`` of a nodal force, over
+        the largest one, if all samples took the targets of another search.
         """
         v = self.configuration(u)
         row = {
@@ -719,6 +724,7 @@ class ReferenceContact(SelfContactTerm):
             "penetration": self._penetration,
             "force": float(self._nodal_springs.forces(v).sum()),
             "stiffness": self._search.stiffness,
+            "change": self._change,
         }
         return {"self_contact": row}
 
@@ -755,12 +761,13 @@ class ReferenceContact(SelfContactTerm):
         new = self._search.find(self._nodal(u), x)
         self._penetration = self._search.penetration(new, x)
         updated = self._on_nodes(self._updated(new, x))
-        after = updated.gradient(v)
-        largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
-        ratio = relative(np.abs(after - before).max(initial=0.0), largest, _SETTLED)
+        ratio = _relative_change(before, updated.gradient(v))
         change = LaggedChange(ratio, "self_contact: the change of forces by another search")
         if not change.settled:  # else the pairs stay, with which the forces are in equilibrium
             self._set_springs(updated)
+        elif self._searches > _FREE_SEARCHES:
+            ratio = _relative_change(before, self._on_nodes(new).gradient(v))
+        self._change = SETTLED * ratio
         return change
 
     def _updated(self, new: ContactSprings, x: Array) -> ContactSprings:

@@ -16,6 +16,7 @@ from fem_snh.assembly.unknowns import local_values, summed_over_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.records.run_record import Note
 from fem_snh.terms.elastic import Part
+from fem_snh.terms.history import SETTLED
 
 #: The element without locking on the same cells that replaces an element.
 REPLACEMENTS = {"P1": "P2P0", "P2": "P2P0", "Q1": "Q1P0", "Q2": "Q2Q1"}
@@ -304,6 +305,31 @@ def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
     )
     values = {"name": name, "deepest": depth, "penetration": seen, "position": position}
     return Note("penetration", text, step, values | {"steps": list(unseen)})
+
+
+def has_settled(row: Mapping[str, Any]) -> bool:
+    """Return whether the forces of self-contact in a row of run.json do not depend on targets."""
+    return float(row.get("self_contact", {}).get("change", 0.0)) <= SETTLED
+
+
+def targets_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
+    """Return a note if forces of self-contact depend on which targets the samples keep.
+
+    Parameters
+    ----------
+    steps : mapping
+        The rows of run.json of steps that converged, by number.
+    """
+    found = {n: row["self_contact"]["change"] for n, row in steps.items() if not has_settled(row)}
+    if not found:
+        return None
+    step = max(found, key=lambda number: float(found[number]))
+    text = (
+        f"self-contact: in {len(found)} of {len(steps)} steps forces at single nodes depend on "
+        f"which of several close faces a point is pushed to, by up to {100 * found[step]:.2g} % of "
+        f"the largest (at load {steps[step]['load']:.6g}): take sums of forces, not single ones"
+    )
+    return Note("targets", text, step, {"change": found[step], "steps": list(found)})
 
 
 #: Displacements below this part of the body's length are rounding where nothing acts: those of a

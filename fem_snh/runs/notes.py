@@ -17,6 +17,7 @@ from fem_snh.problem.state_notes import (
     penetration_note,
     stabilisation_note,
     state_notes,
+    targets_note,
 )
 from fem_snh.records.run_record import Note, Record
 from fem_snh.scenes import Lattice, Scene
@@ -151,6 +152,7 @@ def final_notes(setup: Setup, steps: Sequence[Record]) -> list[Note]:
         None if any(n.kind == "inverted" for n in found) else _earlier_inversion(steps, good),
         energy_note(rows),
         penetration_note(rows),
+        targets_note(rows),
         instability_note(negative, problem, len(good), good[-1]),
         stabilisation_note(stabilised, len(good)),
     ]

@@ -15,7 +15,7 @@ from fem_snh.choices import DEFAULT_PREDICTOR
 from fem_snh.errors import NotSettled
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.state_notes import unseen_penetrations
+from fem_snh.problem.state_notes import has_settled, unseen_penetrations
 from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.solver.linear_choice import MAX_NODES
 from fem_snh.solver.stability import negative_eigenvalues
@@ -434,6 +434,7 @@ class Stepper:
             "unstable": self._last.get("negative_eigenvalues", 0) > 0,
             "penetration": bool(unseen_penetrations(recorded)),
             "stabilised": "stabilisation" in self._last,
+            "targets": not has_settled(recorded),
         }
         return [kind for kind, noted in kinds.items() if noted]
 

@@ -25,6 +25,10 @@ MAX_SOLVES = 51
 MAX_STALLED = 10
 
 
+#: Nodal contact forces have settled if they change by at most this fraction of the largest one.
+SETTLED = 1e-2
+
+
 def relative(change: float, size: float, tolerance: float) -> float:
     """Return ``change / (tolerance * size)``; 0 if change is 0, else infinity unless size > 0."""
     if change == 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import contact_problems
 import numpy as np
@@ -156,6 +157,29 @@ def test_a_clip_whose_arms_are_pressed_together() -> None:
     through = fem_snh.run(without, progress=False)
     assert through.record["terms"] == ["elastic"]
     assert through.steps[-1]["energy"] < 0.97 * runs[0].steps[-1]["energy"]
+
+
+@mpi
+def test_a_row_says_what_a_search_of_all_targets_would_change() -> None:
+    """Beside a term without history at the last displacement."""
+    result = fem_snh.run(scenes.validate(CLIP | {"cells": 3}, "clip"), progress=False)
+    p, row = result.problem, result.steps[-1]
+    (term,) = (t for t in p.terms if isinstance(t, ReferenceContact))
+    fresh = ReferenceContact(p.V, None, p.regions)
+    u, forces = p.split(p.x)[0], []
+    for each in (term, fresh):
+        r = u.duplicate()
+        with r.localForm() as local:
+            local.set(0)
+        each.add_residual(u, None, r, None)
+        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        forces.append(r.array)
+    kept, free = (COMM.allreduce(np.abs(f).max(initial=0), op=MPI.MAX) for f in forces)
+    change = COMM.allreduce(np.abs(forces[1] - forces[0]).max(initial=0), op=MPI.MAX)
+    assert row["self_contact"]["change"] == pytest.approx(change / max(kept, free), rel=1e-6)
+    assert change / kept > 0.01 and row["notes"] == ["targets"]
+    (note,) = (n for n in result.notes if n["kind"] == "targets")
+    assert note["change"] == max(r["self_contact"]["change"] for r in result.steps)
 
 
 @pytest.mark.parametrize("scene", ["clip", "arm"])
