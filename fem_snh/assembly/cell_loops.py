@@ -190,15 +190,25 @@ class CellLoops:
         self.num_cells = len(tables.nodes)
         # Cells one after the other add to the same rows of the matrix, which then stay in cache.
         order = np.argsort(tables.nodes.min(axis=1), kind="stable")
-        arrays = {"number": order.astype(np.int32), "nodes": tables.nodes[order]}
-        arrays["geometry"] = tables.geometry[order]
-        if len(tables.pressure_nodes):
-            arrays["pressure_nodes"] = tables.pressure_nodes[order]
-        if tables.fractions is not None:
-            arrays["fractions"] = tables.fractions[order]
-        for name in ("x", "gradients", "geometry_gradients", "weights", "pressure_basis"):
-            arrays[name] = np.ascontiguousarray(getattr(tables, name))
-        arrays["constants"] = np.array(compiled.constants.values)
+        fractions = None if tables.fractions is None else tables.fractions[order]
+        pressure_nodes = tables.pressure_nodes[order] if len(tables.pressure_nodes) else None
+        kinds = {
+            np.int32: {
+                "number": order, "nodes": tables.nodes[order], "geometry": tables.geometry[order],
+                "pressure_nodes": pressure_nodes,
+            },
+            np.float64: {
+                "x": tables.x, "gradients": tables.gradients, "weights": tables.weights,
+                "geometry_gradients": tables.geometry_gradients, "fractions": fractions,
+                "pressure_basis": tables.pressure_basis, "constants": compiled.constants.values,
+            },
+        }  # fmt: skip
+        arrays = {
+            name: np.ascontiguousarray(array, dtype=kind)
+            for kind, named in kinds.items()
+            for name, array in named.items()
+            if array is not None
+        }
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})

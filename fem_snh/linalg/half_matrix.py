@@ -40,9 +40,9 @@ _PATTERN = ("aij_start", "aij_column", "aij_diagonal", "half_offset")
 #: Values are added times this and the unit's power of two: those of crushed cells may be 1e47 times
 #: the unit, the range of floats.
 _SMALL = 2.0**-30
-#: The least value of the largest diagonal entry that is not scaled to 1: another pass over the
-#: matrix, and the range of floats is wide enough for CG.
-_LEAST = 2.0**-64
+#: The largest diagonal entry is scaled, to a value from 1/2 to 1, only if it is below this or above
+#: 1: it takes another pass over the matrix, and the range of floats is wide enough for CG.
+_LEAST = 2.0**-40
 #: The rest of a value is a multiple of 2^-53 times the power of two of its float, of which frexp
 #: returns the exponent plus 1.
 _SHIFT = 54

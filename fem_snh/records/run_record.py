@@ -160,7 +160,8 @@ class Note(NamedTuple):
         (forces known up to the rounding error), ``unstable``, ``start`` (nodes outside of the mesh
         of the run from which this one starts), ``pressure`` (known up to a constant), ``mesh``
         (cells that meet without being connected), ``energy`` (a motion gains energy), ``options``
-        (PETSc options that no solver reads) or ``stabilised`` (steps needed a proximal term).
+        (PETSc options that no solver reads), ``stabilised`` (steps needed a proximal term) or
+        ``targets`` (forces of self-contact depend on the targets that are kept).
     text : str
         One line: what is the matter, and what to do.
     step : int or None

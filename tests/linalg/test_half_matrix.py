@@ -11,6 +11,7 @@ from bodies import MINIMISING, Hold, cube, dense, problem, set_values, wave
 import fem_snh
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.linalg import half_matrix
 from fem_snh.linalg.ssor_cg import SSOR, EisenstatCG, SSORSystem
 from fem_snh.problem.problem import Problem
 
@@ -86,6 +87,26 @@ def test_the_aij_copy_follows_every_assembly(comm):
 
 
 @mpi
+def test_the_scale_of_the_floats_changes_nothing(comm, monkeypatch):
+    """That is a power of two: what the solver makes of the matrix has the same digits."""
+    systems = []
+    for least in (half_matrix._LEAST, 1.0):
+        monkeypatch.setattr(half_matrix, "_LEAST", least)
+        _, p = pair(comm, hold=("x", "y", "z"))
+        systems.append(SSORSystem(p.P, p.coordinates, 5))
+        assert systems[-1].update(p.P) == 0
+    small, one = systems
+    ratio = small.scale / one.scale
+    assert ratio <= 2.0**-20 and 0.5 <= one.matrix.struct.largest <= 1.0
+    assert small.matrix.struct.largest == ratio * one.matrix.struct.largest
+    for name, power in (("diagonal", 1), ("upper", 1), ("diagonal_inverse", -1)):
+        found, expected = (s.matrix.arrays[name][:-4] for s in systems)
+        assert np.array_equal(found, expected * ratio**power)
+    found, expected = (s.deflation.arrays["image"] for s in systems)
+    assert np.array_equal(found, expected * ratio)
+
+
+@mpi
 def test_solver_and_coarse_space_are_those_of_a_copy(comm):
     """D, its inverse, U, A Z and which unknowns are coupled agree with those made of AIJ."""
     full, half = pair(comm, hold=("x", "y", "z"))
@@ -102,7 +123,8 @@ def test_solver_and_coarse_space_are_those_of_a_copy(comm):
     image, expected = (s.deflation.arrays["image"] for s in (own, copied))
     np.testing.assert_allclose(image, ratio * expected, atol=1e-6 * ratio * np.abs(expected).max())
     translations = ratio * copied.matrix.translations
-    np.testing.assert_allclose(own.matrix.translations, translations, atol=1e-13)  # sums of zeros
+    atol = 1e-13 * ratio  # of sums of zeros
+    np.testing.assert_allclose(own.matrix.translations, translations, atol=atol)
     free = np.ones(len(half.x.array_r), bool)
     free[half.constrained_dofs] = False
     assert np.array_equal(own.matrix.coupled_unknowns(0, 0).ravel(), free)

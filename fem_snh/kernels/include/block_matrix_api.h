@@ -20,7 +20,7 @@ enum { EARLY, INTERIOR, LATE };
  * Arrays with "4 more" floats have them at the end, because the load of a last block reads beyond it. */
 typedef struct {
   int rows;                     /* block rows */
-  double largest;               /* the largest diagonal entry of A on all ranks */
+  double largest;               /* the largest diagonal entry of the scaled A on all ranks; 1 of zeros */
   int *order;                   /* [rows] the rows in the order of the forward sweep: early, interior, late */
   int *stage_start;             /* [4] index in `order` of each stage's first row, and `rows` */
   int *upper_start;             /* [rows + 1] index of the first block in U of each row in `order` */

@@ -2,9 +2,9 @@
 
 /* The element stiffness K from its integrand at the points. */
 #ifdef TENSOR_NODES
-#define STIFFNESS_BEGIN TensorStiffness D;
-#define STIFFNESS_POINT tensor_stiffness_point(C, I, weight, q, D);
-#define STIFFNESS_END tensor_stiffness(D, K);
+#define STIFFNESS_BEGIN
+#define STIFFNESS_POINT tensor_stiffness_point(C, I, weight, q, tensor_stiffness_of_points);
+#define STIFFNESS_END tensor_stiffness(tensor_stiffness_of_points, K);
 #else
 #define STIFFNESS_BEGIN for (int i = 0; i < 9 * PAIRS; ++i) K[i] = splat(0);
 #define STIFFNESS_POINT { real G[3 * NODES]; basis_gradients(c, q, I, G); add_stiffness(C, G, weight, K); }

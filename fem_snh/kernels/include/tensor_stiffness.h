@@ -8,9 +8,11 @@ static const double tensor_basis[2][TENSOR_POINTS][TENSOR_NODES] = {TENSOR_BASIS
 static const int tensor_node[NODES] = {TENSOR_NODE};    /* the node at each place of the grid */
 static const int tensor_point[POINTS] = {TENSOR_POINT}; /* the place of each point in the grid */
 
-/* The stiffness in coordinates of the reference cell, D[pair (i, k), i <= k][place of the point][3 J + L] =
+/* The stiffness in coordinates of the reference cell. It is 14 MB with the highest quadrature degree, more than a stack
+ * may hold: each thread has its own. D[pair (i, k), i <= k][place of the point][3 J + L] =
  * weight sum_jl dxi_J/dx_j C[(i,j),(k,l)] dxi_L/dx_l. */
 typedef real TensorStiffness[6][GRID_POINTS][9];
+static _Thread_local TensorStiffness tensor_stiffness_of_points;
 
 INLINE void tensor_stiffness_point(const real *C, const real *I, real weight, int q, TensorStiffness D) {
   for (int i = 0, pair = 0; i < 3; ++i)
