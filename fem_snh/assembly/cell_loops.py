@@ -190,25 +190,17 @@ class CellLoops:
         self.num_cells = len(tables.nodes)
         # Cells one after the other add to the same rows of the matrix, which then stay in cache.
         order = np.argsort(tables.nodes.min(axis=1), kind="stable")
-        fractions = None if tables.fractions is None else tables.fractions[order]
-        pressure_nodes = tables.pressure_nodes[order] if len(tables.pressure_nodes) else None
-        kinds = {
-            np.int32: {
-                "number": order, "nodes": tables.nodes[order], "geometry": tables.geometry[order],
-                "pressure_nodes": pressure_nodes,
-            },
-            np.float64: {
-                "x": tables.x, "gradients": tables.gradients, "weights": tables.weights,
-                "geometry_gradients": tables.geometry_gradients, "fractions": fractions,
-                "pressure_basis": tables.pressure_basis, "constants": compiled.constants.values,
-            },
-        }  # fmt: skip
-        arrays = {
-            name: np.ascontiguousarray(array, dtype=kind)
-            for kind, named in kinds.items()
-            for name, array in named.items()
-            if array is not None
-        }
+        integers = {"number": order, "nodes": tables.nodes[order]}
+        integers["geometry"] = tables.geometry[order]
+        if len(tables.pressure_nodes):
+            integers["pressure_nodes"] = tables.pressure_nodes[order]
+        names = "x", "gradients", "geometry_gradients", "weights", "pressure_basis"
+        numbers: dict[str, Any] = {name: getattr(tables, name) for name in names}
+        numbers["constants"] = compiled.constants.values
+        if tables.fractions is not None:
+            numbers["fractions"] = tables.fractions[order]
+        arrays = {name: np.ascontiguousarray(a, dtype=np.int32) for name, a in integers.items()}
+        arrays |= {name: np.ascontiguousarray(a, dtype=np.float64) for name, a in numbers.items()}
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})
