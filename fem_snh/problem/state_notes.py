@@ -308,12 +308,12 @@ def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
 
 
 def has_settled(row: Mapping[str, Any]) -> bool:
-    """Return whether the forces of self-contact in a row of run.json do not depend on targets."""
+    """Return whether another search would change no force of self-contact in a row of run.json."""
     return float(row.get("self_contact", {}).get("change", 0.0)) <= SETTLED
 
 
 def targets_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
-    """Return a note if forces of self-contact depend on which targets the samples keep.
+    """Return a note if another search for targets would change forces of self-contact.
 
     Parameters
     ----------
@@ -325,9 +325,10 @@ def targets_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
         return None
     step = max(found, key=lambda number: float(found[number]))
     text = (
-        f"self-contact: in {len(found)} of {len(steps)} steps forces at single nodes depend on "
-        f"which of several close faces a point is pushed to, by up to {100 * found[step]:.2g} % of "
-        f"the largest (at load {steps[step]['load']:.6g}): take sums of forces, not single ones"
+        f"self-contact: in {len(found)} of {len(steps)} steps another search for the faces that "
+        "points are pushed to would change forces at single nodes by up to "
+        f"{100 * found[step]:.2g} % of the largest (at load {steps[step]['load']:.6g}): take sums "
+        "of forces, not single ones"
     )
     return Note("targets", text, step, {"change": found[step], "steps": list(found)})
 

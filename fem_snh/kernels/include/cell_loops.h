@@ -36,7 +36,7 @@ void residual_cells(const Cells *c, const double *u, const double *pressure, dou
       to_reference(P, I, S);
       const double *d = c->gradients + 3 * NODES * q;
       for (int a = 0; a < NODES; ++a)
-        for (int i = 0; i < 3; ++i) f[a][i] += S[i] * d[3 * a] + S[3 + i] * d[3 * a + 1] + S[6 + i] * d[3 * a + 2];
+        for (int i = 0; i < 3; ++i) f[a][i] += along(S, d + 3 * a, i);
       volume_residual_point(c, &volume, q, p, F, H, weight);
     }
     for (int l = 0; l < lanes; ++l)

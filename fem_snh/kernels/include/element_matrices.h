@@ -43,6 +43,9 @@ INLINE void to_reference(const real *X, const real *I, real *Y) {
     for (int i = 0; i < 3; ++i) Y[3 * k + i] = X[i] * I[3 * k] + X[3 + i] * I[3 * k + 1] + X[6 + i] * I[3 * k + 2];
 }
 
+/* Row i of a matrix X by columns times a node's derivatives d[3] on the reference cell. */
+INLINE real along(const real *X, const double *d, int i) { return X[i] * d[0] + X[3 + i] * d[1] + X[6 + i] * d[2]; }
+
 /* H = grad u and F = I + H. Both are needed: F has lost the digits of a small H (see small_strain.h). */
 INLINE void deformation_point(const Cells *c, int q, const real *I, const real u[NODES][3], real *F, real *H) {
   const double *d = c->gradients + 3 * NODES * q;
@@ -79,7 +82,7 @@ enum { PAIRS = NODES * (NODES + 1) / 2 };
 INLINE void basis_gradients(const Cells *c, int q, const real *I, real *G) {
   const double *d = c->gradients + 3 * NODES * q;
   for (int a = 0; a < NODES; ++a)
-    for (int i = 0; i < 3; ++i) G[3 * a + i] = I[i] * d[3 * a] + I[3 + i] * d[3 * a + 1] + I[6 + i] * d[3 * a + 2];
+    for (int i = 0; i < 3; ++i) G[3 * a + i] = along(I, d + 3 * a, i);
 }
 
 /* K += weight * G^T C G: the 3x3 blocks (a, b) with a <= b, ordered by b, then a, each row-major. Only the leading

@@ -51,7 +51,7 @@ INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Paramete
   to_reference(cofactor, I, S);
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i)
-      m->dv[a][i] += (S[i] * d[3 * a] + S[3 + i] * d[3 * a + 1] + S[6 + i] * d[3 * a + 2]) * weight;
+      m->dv[a][i] += along(S, d + 3 * a, i) * weight;
 }
 
 INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, const long *cell, int lanes, int filter, const VolumeTerm *m,

@@ -70,7 +70,7 @@ INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Paramete
   to_reference(cofactor, I, S);
   for (int b = 0; b < NODES; ++b)
     for (int i = 0; i < 3; ++i) {
-      const real dJ = (S[i] * d[3 * b] + S[3 + i] * d[3 * b + 1] + S[6 + i] * d[3 * b + 2]) * weight;
+      const real dJ = along(S, d + 3 * b, i) * weight;
       for (int a = 0; a < PRESSURE_NODES; ++a) m->B[b][i][a] += N[a] * dJ;
     }
   for (int a = 0; a < PRESSURE_NODES; ++a)
